@@ -1,0 +1,65 @@
+// Streaming matching: cost, aggregation and selection in one pass over the rows, with no cost volume in memory.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+
+namespace stereopsis {
+
+enum class CostKind : int { sad, ssd, zsad, zssd, ncc, zncc };
+enum class Subpixel : int { none, parabola, equiangular };
+
+// A support window: full size, and how far it reaches before its anchor. Of an even size the longer half comes first.
+struct Window {
+  int width, height;
+  int left() const { return width / 2; }
+  int right() const { return width - 1 - left(); }
+  int above() const { return height / 2; }
+  int below() const { return height - 1 - above(); }
+  int64_t area() const { return static_cast<int64_t>(width) * height; }
+};
+
+// A pair as the kernels take it: rows without gaps, channels interleaved, and only candidates that some pixel can see.
+struct Pair {
+  const void* left;
+  const void* right;
+  int height, width, channels;
+  int first;  // smallest candidate disparity
+  int count;  // number of candidates
+};
+
+struct FusedSettings {
+  CostKind cost;
+  Window window;
+  Subpixel subpixel;
+  bool left_right;
+  float tolerance;  // pixels
+  bool uniqueness;
+  double ratio;  // 1 + margin
+};
+
+struct FusedOutput {
+  float* disparity;
+  float* confidence;
+  uint8_t* flags;
+};
+
+// The widest sum that the 32-bit kernels form: squared differences of 8-bit pixels over the window and the channels.
+// 255 * 255 * 33025 = 2 147 450 625 < 2^31 - 1; every other sum of them is smaller.
+constexpr int64_t narrow_limit = 33025;
+inline bool narrow_fits(const Window& window, int channels) { return window.area() * channels <= narrow_limit; }
+
+using Cancel = std::atomic<bool>;
+
+// What one build of the kernels offers. `rows` matches rows [begin, end): of uint8 images where `narrow`, of int32 ones
+// (16-bit pixels, or 21-bit fixed point) where not; `scratch` is 64-byte aligned and holds `scratch_bytes`; it stops
+// early when `cancel` is set.
+struct FusedKernel {
+  const char* name;
+  size_t (*scratch_bytes)(const Pair&, const FusedSettings&, bool narrow);
+  void (*rows)(const Pair&, const FusedSettings&, bool narrow, const FusedOutput&, int begin, int end, void* scratch,
+               const Cancel& cancel);
+};
+
+}  // namespace stereopsis

@@ -1,0 +1,731 @@
+// The streaming kernel for 8-bit images, compiled once per instruction set.
+//
+// For every candidate i of every pixel x, `sums` holds minus the window's sum of (l - 128) r (or, for SAD, plus its
+// sum of |l - r|). From one row to the next the window gains a row and loses one; what that changes slides along x in
+// `slide`: one column in, one column out. Four bytes of the right image (new and old row, entering and leaving column)
+// sit side by side, so that a single multiply-add of four bytes does all of it. The right image is kept mirrored, so
+// that candidates are contiguous. Nothing but integers up to here: exact, and the same for any order of summation.
+//
+// Only `static` and unnamed things here: an inline function with linkage might be taken from this unit by another one
+// that runs on a lesser machine.
+#pragma once
+
+#include <cstring>
+
+#include "arena.hpp"
+#include "fused.hpp"
+#include "score.hpp"
+#include "simd.hpp"
+#include "winners.hpp"
+
+namespace stereopsis {
+namespace STEREOPSIS_ISA {
+namespace {
+
+using I = Simd::I;
+using F = Simd::F;
+using M = Simd::M;
+constexpr int kLanes = Simd::lanes;
+constexpr int kBlock = Simd::block;
+constexpr int kChunk = 16;  // pixels whose costs are kept until their winners are taken
+constexpr int kCentre = 128;
+
+static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
+static STEREOPSIS_INLINE int least(int a, int b) { return a < b ? a : b; }
+static STEREOPSIS_INLINE int most(int a, int b) { return a > b ? a : b; }
+static STEREOPSIS_INLINE int32_t pack16(int low, int high) {
+  return static_cast<int32_t>((static_cast<uint32_t>(low) & 0xFFFF) | (static_cast<uint32_t>(high) << 16));
+}
+static STEREOPSIS_INLINE int32_t pack8(int a, int b, int c, int d) {
+  return static_cast<int32_t>((static_cast<uint32_t>(a) & 255) | (static_cast<uint32_t>(b) & 255) << 8 |
+                              (static_cast<uint32_t>(c) & 255) << 16 | (static_cast<uint32_t>(d) & 255) << 24);
+}
+
+// ---- row loops: plain, over pointers that do not overlap, so that every compiler vectorises them --------------------
+
+// The row with its edge pixels repeated: `before` times to the left, up to `length` in all.
+static void pad_row(const uint8_t* STEREOPSIS_RESTRICT row, int width, int before, int length,
+                    uint8_t* STEREOPSIS_RESTRICT padded) {
+  std::memset(padded, row[0], before);
+  std::memcpy(padded + before, row, width);
+  std::memset(padded + before + width, row[width - 1], length - before - width);
+}
+
+static void reverse_row(const uint8_t* STEREOPSIS_RESTRICT row, int count, uint8_t* STEREOPSIS_RESTRICT reversed) {
+  for (int j = 0; j < count; ++j) reversed[j] = row[count - 1 - j];
+}
+
+static void interleave(const uint8_t* STEREOPSIS_RESTRICT entering, const uint8_t* STEREOPSIS_RESTRICT leaving, int apart,
+                       int count, int32_t* STEREOPSIS_RESTRICT quad) {
+  for (int j = 0; j + kLanes <= count; j += kLanes)
+    Simd::store(quad + j, Simd::quads(entering + j, entering + j + apart, leaving + j, leaving + j + apart));
+  for (int j = count / kLanes * kLanes; j < count; ++j)
+    quad[j] = pack8(entering[j], entering[j + apart], leaving[j], leaving[j + apart]);
+}
+
+static void add_columns(const uint8_t* STEREOPSIS_RESTRICT entering, const uint8_t* STEREOPSIS_RESTRICT leaving, int we,
+                        int wl, int count, int32_t* STEREOPSIS_RESTRICT column, int32_t* STEREOPSIS_RESTRICT square) {
+  for (int x = 0; x < count; ++x) {
+    const int a = entering[x], b = leaving[x];
+    column[x] += we * a + wl * b;
+    square[x] += we * a * a + wl * b * b;
+  }
+}
+
+// The weights of one column's four bytes, for products: entering and leaving row, here and a window's width earlier.
+static STEREOPSIS_INLINE void product_weights(int en, int tn, int el, int tl, int we, int wl, int older, int32_t* a,
+                                              int32_t* b) {
+  const int w0 = -we * (en - kCentre), w1 = older * we * (tn - kCentre);
+  const int w2 = -wl * (el - kCentre), w3 = older * wl * (tl - kCentre);
+  if (Simd::has_dot8) {
+    // +128 does not fit a signed byte: the one too many goes into a second, rarely needed, multiply-add.
+    *a = pack8(w0 - (w0 > 127), w1 - (w1 > 127), w2 - (w2 > 127), w3 - (w3 > 127));
+    *b = pack8(w0 > 127, w1 > 127, w2 > 127, w3 > 127);
+  } else {
+    *a = pack16(w0, w2);
+    *b = pack16(w1, w3);
+  }
+}
+
+static void weigh_products(const uint8_t* STEREOPSIS_RESTRICT entering, const uint8_t* STEREOPSIS_RESTRICT leaving, int we,
+                           int wl, int apart, int count, int32_t* STEREOPSIS_RESTRICT a, int32_t* STEREOPSIS_RESTRICT b) {
+  for (int k = 0; k < least(apart, count); ++k)
+    product_weights(entering[k], 0, leaving[k], 0, we, wl, 0, a + k, b + k);
+  for (int k = apart; k < count; ++k)
+    product_weights(entering[k], entering[k - apart], leaving[k], leaving[k - apart], we, wl, 1, a + k, b + k);
+}
+
+// For absolute differences: the left bytes, and the signs of the four differences.
+static void weigh_differences(const uint8_t* STEREOPSIS_RESTRICT entering, const uint8_t* STEREOPSIS_RESTRICT leaving,
+                              int we, int wl, int apart, int count, int32_t* STEREOPSIS_RESTRICT a,
+                              int32_t* STEREOPSIS_RESTRICT b) {
+  for (int k = 0; k < count; ++k) {
+    const int older = k >= apart ? k - apart : 0, sign = k >= apart ? -1 : 0;
+    a[k] = pack8(entering[k], entering[older], leaving[k], leaving[older]);
+    b[k] = Simd::has_dot8 ? pack8(we, sign * we, wl, sign * wl) : pack16(sign * we, sign * wl);
+  }
+}
+
+static void pad_columns(const int32_t* STEREOPSIS_RESTRICT column, int width, int before, int length, bool reversed,
+                        int32_t* STEREOPSIS_RESTRICT padded) {
+  if (reversed)
+    for (int x = 0; x < width; ++x) padded[before + x] = column[width - 1 - x];
+  else
+    std::memcpy(padded + before, column, width * sizeof *column);
+  for (int k = 0; k < before; ++k) padded[k] = padded[before];
+  for (int k = before + width; k < length; ++k) padded[k] = padded[before + width - 1];
+}
+
+static void slide_sum(const int32_t* STEREOPSIS_RESTRICT column, int window, int count, int32_t* STEREOPSIS_RESTRICT sums) {
+  int32_t sum = 0;
+  for (int k = 0; k < window; ++k) sum += column[k];
+  sums[0] = sum;
+  for (int x = 1; x < count; ++x) {
+    sum += column[x + window - 1] - column[x - 1];
+    sums[x] = sum;
+  }
+}
+
+static void inverse_roots(const float* STEREOPSIS_RESTRICT norm, int count, float* STEREOPSIS_RESTRICT scale) {
+  for (int x = 0; x < count; ++x) scale[x] = inverse_root(norm[x]);
+}
+
+static void add_energy(const int32_t* STEREOPSIS_RESTRICT squares, int count, bool first, float* STEREOPSIS_RESTRICT norm) {
+  for (int x = 0; x < count; ++x) norm[x] = (first ? 0.0f : norm[x]) + static_cast<float>(squares[x]);
+}
+
+static void add_offset(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t* STEREOPSIS_RESTRICT squares, int count,
+                       bool first, int of_sums, int of_squares, int32_t* STEREOPSIS_RESTRICT offset) {
+  for (int x = 0; x < count; ++x)
+    offset[x] = (first ? 0 : offset[x]) + of_sums * sums[x] + of_squares * squares[x];
+}
+
+// Means, what they leave over, and the squared deviations about them.
+static void moments(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t* STEREOPSIS_RESTRICT squares, int count,
+                    int32_t n, float inverse_n, int32_t* STEREOPSIS_RESTRICT mean, int32_t* STEREOPSIS_RESTRICT rest,
+                    int32_t* STEREOPSIS_RESTRICT about) {
+  for (int x = 0; x < count; ++x) {
+    const int32_t q = nearest_mean(sums[x], inverse_n), left_over = sums[x] - n * q;
+    mean[x] = q;
+    rest[x] = left_over;
+    about[x] = squares[x] - q * (sums[x] + left_over);
+  }
+}
+
+static void add_deviation(const int32_t* STEREOPSIS_RESTRICT about, const int32_t* STEREOPSIS_RESTRICT rest, int count,
+                          float inverse_n, bool first, float* STEREOPSIS_RESTRICT norm) {
+  for (int x = 0; x < count; ++x) norm[x] = (first ? 0.0f : norm[x]) + deviation(about[x], rest[x], inverse_n);
+}
+
+static void centre_left(const int32_t* STEREOPSIS_RESTRICT mean, const int32_t* STEREOPSIS_RESTRICT rest, int count,
+                        float slope_of_rest, int32_t* STEREOPSIS_RESTRICT mean_weight,
+                        int32_t* STEREOPSIS_RESTRICT rest_weight, float* STEREOPSIS_RESTRICT slope) {
+  for (int x = 0; x < count; ++x) {
+    mean_weight[x] = pack16(mean[x] - kCentre, (mean[x] - kCentre) * 256);
+    rest_weight[x] = pack16(rest[x], 0);
+    slope[x] = static_cast<float>(rest[x]) * slope_of_rest;
+  }
+}
+
+static void split_right(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t* STEREOPSIS_RESTRICT mean, int count,
+                        int32_t* STEREOPSIS_RESTRICT split, int32_t* STEREOPSIS_RESTRICT mean_pair) {
+  for (int x = 0; x < count; ++x) {
+    split[x] = pack16(sums[x] & 255, sums[x] >> 8);
+    mean_pair[x] = pack16(mean[x], 0);
+  }
+}
+
+static void to_floats(const int32_t* STEREOPSIS_RESTRICT from, int count, float* STEREOPSIS_RESTRICT to) {
+  for (int x = 0; x < count; ++x) to[x] = static_cast<float>(from[x]);
+}
+
+// Which rows a pass adds to the sums (+1) and takes from them (-1); 0 leaves one out.
+struct RowChange {
+  int entering, entering_weight, leaving, leaving_weight;
+};
+
+template <CostKind Kind>
+struct Traits {
+  static constexpr bool is_float = Kind == CostKind::zssd || Kind == CostKind::ncc || Kind == CostKind::zncc;
+  static constexpr bool squares = Kind != CostKind::sad;
+  static constexpr bool normalised = Kind == CostKind::ncc || Kind == CostKind::zncc;
+  static constexpr bool centred = Kind == CostKind::zssd || Kind == CostKind::zncc;
+};
+
+template <bool IsFloat>
+struct ValueOf {
+  using Scalar = int32_t;
+  using Vector = I;
+  static constexpr int32_t worst = INT32_MAX;
+};
+template <>
+struct ValueOf<true> {
+  using Scalar = float;
+  using Vector = F;
+  static constexpr float worst = 3.0e38f;
+};
+
+template <CostKind Kind, int C>
+class Narrow {
+  using T = Traits<Kind>;
+  using Scalar = typename ValueOf<T::is_float>::Scalar;
+  using Vector = typename ValueOf<T::is_float>::Vector;
+
+ public:
+  Narrow(const Pair& pair, const FusedSettings& settings, void* memory)
+      : p_(pair), s_(settings), arena_{static_cast<char*>(memory)} {
+    const int w = s_.window.width;
+    vectors_ = (p_.count + kLanes - 1) / kLanes;
+    padded_ = vectors_ * kLanes;
+    columns_ = p_.width + w - 1;
+    quads_ = columns_ + padded_;
+    stats_ = p_.width + padded_;
+    n_ = static_cast<int32_t>(s_.window.area());
+    inverse_n_ = 1.0f / static_cast<float>(n_);
+    sums_ = arena_.template take<int32_t>(static_cast<size_t>(p_.width) * padded_);
+    slide_ = arena_.template take<int32_t>(padded_);
+    costs_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * stride());
+    best_ = arena_.template take<Scalar>(kChunk * kLanes);
+    best_index_ = arena_.template take<int32_t>(kChunk * kLanes);
+    index_ = arena_.template take<int32_t>(padded_);
+    for (int c = 0; c < C; ++c) {
+      quad_[c] = arena_.template take<int32_t>(quads_);
+      weight_a_[c] = arena_.template take<int32_t>(columns_);
+      weight_b_[c] = arena_.template take<int32_t>(columns_);
+      left_column_[c] = arena_.template take<int32_t>(p_.width);
+      left_square_[c] = arena_.template take<int32_t>(p_.width);
+      right_column_[c] = arena_.template take<int32_t>(p_.width);
+      right_square_[c] = arena_.template take<int32_t>(p_.width);
+      left_mean_[c] = arena_.template take<int32_t>(p_.width);
+      left_rest_[c] = arena_.template take<int32_t>(p_.width);
+      left_slope_[c] = arena_.template take<float>(p_.width);
+      right_split_[c] = arena_.template take<int32_t>(stats_);
+      right_mean_[c] = arena_.template take<int32_t>(stats_);
+      right_sum_[c] = arena_.template take<float>(stats_);
+    }
+    left_scale_ = arena_.template take<float>(p_.width);
+    right_scale_ = arena_.template take<float>(stats_);
+    left_offset_ = arena_.template take<int32_t>(p_.width);
+    right_offset_ = arena_.template take<int32_t>(stats_);
+    norm_ = arena_.template take<float>(p_.width);
+    edge_ = arena_.template take<int32_t>(columns_);
+    sum_ = arena_.template take<int32_t>(p_.width);
+    square_ = arena_.template take<int32_t>(p_.width);
+    mean_ = arena_.template take<int32_t>(p_.width);
+    rest_ = arena_.template take<int32_t>(p_.width);
+    about_ = arena_.template take<int32_t>(p_.width);
+    padded_new_ = arena_.template take<uint8_t>(columns_);
+    padded_old_ = arena_.template take<uint8_t>(columns_);
+    mirrored_new_ = arena_.template take<uint8_t>(quads_ + w);
+    mirrored_old_ = arena_.template take<uint8_t>(quads_ + w);
+    plane_ = arena_.template take<uint8_t>(4 * static_cast<size_t>(p_.width));
+    right_best_ = arena_.template take<Scalar>(stats_);
+    right_index_ = arena_.template take<int32_t>(stats_);
+    winner_ = arena_.template take<int32_t>(p_.width);
+    cost_ = arena_.template take<Scalar>(p_.width);
+    before_ = arena_.template take<Scalar>(p_.width);
+    after_ = arena_.template take<Scalar>(p_.width);
+    second_ = arena_.template take<Scalar>(p_.width);
+  }
+
+  size_t bytes() const { return arena_.used; }
+
+  void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
+    std::memset(arena_.base, 0, arena_.used);
+    for (int i = 0; i < padded_; ++i) index_[i] = i;
+    // The sums of the row before the first one: its window's rows, two a pass.
+    const int top = begin - 1 - s_.window.above();
+    for (int y = top; y < top + s_.window.height; y += 2) {
+      const bool two = y + 1 < top + s_.window.height;
+      change_rows({inside(y), 1, inside(two ? y + 1 : y), two ? 1 : 0});
+      accumulate();
+      if (cancel.load(std::memory_order_relaxed)) return;
+    }
+    for (int y = begin; y < end; ++y) {
+      if (cancel.load(std::memory_order_relaxed)) return;
+      change_rows({inside(y + s_.window.below()), 1, inside(y - 1 - s_.window.above()), -1});
+      window_statistics();
+      if (s_.left_right)
+        match_row<true>();
+      else
+        match_row<false>();
+      finish_row(out, y);
+    }
+  }
+
+ private:
+  size_t stride() const { return padded_ + 2 * kLanes; }  // room for a neighbour on both sides
+  int inside(int y) const { return clamp(y, 0, p_.height - 1); }
+
+  // ---- what a pass over a row needs -------------------------------------------------------------------------------
+
+  static const uint8_t* plane_of(const uint8_t* row, int width, int c, uint8_t* buffer) {
+    if (C == 1) return row;
+    for (int x = 0; x < width; ++x) buffer[x] = row[static_cast<size_t>(x) * C + c];
+    return buffer;
+  }
+
+  void change_rows(const RowChange& change) {
+    const size_t pitch = static_cast<size_t>(p_.width) * C;
+    const uint8_t* left = static_cast<const uint8_t*>(p_.left);
+    const uint8_t* right = static_cast<const uint8_t*>(p_.right);
+    const int W = p_.width, w = s_.window.width, we = change.entering_weight, wl = change.leaving_weight;
+    sad_even_ = pack16(we, wl);
+    for (int c = 0; c < C; ++c) {
+      const uint8_t* ln = plane_of(left + change.entering * pitch, W, c, plane_);
+      const uint8_t* lo = plane_of(left + change.leaving * pitch, W, c, plane_ + W);
+      const uint8_t* rn = plane_of(right + change.entering * pitch, W, c, plane_ + 2 * W);
+      const uint8_t* ro = plane_of(right + change.leaving * pitch, W, c, plane_ + 3 * W);
+      if (T::squares) {
+        add_columns(ln, lo, we, wl, W, left_column_[c], left_square_[c]);
+        add_columns(rn, ro, we, wl, W, right_column_[c], right_square_[c]);
+      }
+      pad_row(ln, W, s_.window.left(), columns_, padded_new_);
+      pad_row(lo, W, s_.window.left(), columns_, padded_old_);
+      if (T::squares)
+        weigh_products(padded_new_, padded_old_, we, wl, w, columns_, weight_a_[c], weight_b_[c]);
+      else
+        weigh_differences(padded_new_, padded_old_, we, wl, w, columns_, weight_a_[c], weight_b_[c]);
+      mirror(rn, mirrored_new_);
+      mirror(ro, mirrored_old_);
+      interleave(mirrored_new_, mirrored_old_, w, quads_, quad_[c]);
+    }
+  }
+
+  // mirrored[j] is the right pixel that candidate i of padded column k meets, where j = columns - 1 - k + i.
+  void mirror(const uint8_t* row, uint8_t* mirrored) const {
+    const int W = p_.width, length = quads_ + s_.window.width;
+    const int last = W - 1 + s_.window.right() - p_.first;  // right column of j = 0
+    const int in = clamp(last - (W - 1), 0, length), out = clamp(last + 1, in, length);
+    std::memset(mirrored, row[W - 1], in);
+    reverse_row(row + (last - out + 1), out - in, mirrored + in);
+    std::memset(mirrored + out, row[0], length - out);
+  }
+
+  // ---- the sliding sums -------------------------------------------------------------------------------------------
+
+  // What column k brings to, and takes from, the change of one vector of candidates.
+  struct Column {
+    I a[C], b[C], even;
+    const int32_t* quad[C];
+    bool extra;
+  };
+
+  STEREOPSIS_INLINE Column column(int k, int at = 0) const {
+    Column col;
+    col.extra = false;
+    col.even = Simd::set(sad_even_);
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+      col.a[c] = Simd::set(weight_a_[c][k]);
+      col.b[c] = Simd::set(weight_b_[c][k]);
+      col.quad[c] = pinned(quad_[c] + (columns_ - 1 - k) + at);
+      if (T::squares && Simd::has_dot8) col.extra = col.extra || weight_b_[c][k] != 0;
+    });
+    return col;
+  }
+
+  static STEREOPSIS_INLINE I advance(I h, const Column& col, int at) {
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+      const I v = Simd::load(col.quad[c] + at);
+      if constexpr (T::squares) {
+        h = multiply_add(h, v, col.a[c], col.b[c]);
+      } else {
+        const I d = Simd::abs_diff8(v, col.a[c]);
+        if constexpr (Simd::has_dot8)
+          h = multiply_add(h, d, col.b[c], col.b[c]);
+        else
+          h = multiply_add(h, d, col.even, col.b[c]);
+      }
+    });
+    return h;
+  }
+
+  static STEREOPSIS_INLINE I multiply_add(I h, I v, I a, [[maybe_unused]] I b) {
+#if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
+    return Simd::dot8(h, v, a);
+#else
+    return Simd::dot16(Simd::dot16(h, Simd::even_bytes(v), a), Simd::odd_bytes(v), b);
+#endif
+  }
+
+  // The part of a column's weights that did not fit `advance`; see `weigh`.
+  STEREOPSIS_INLINE void advance_extra([[maybe_unused]] const Column& col) {
+#if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
+    if (T::squares && col.extra)
+      for (int at = 0; at < padded_; at += kLanes) {
+        I h = Simd::load(slide_ + at);
+        for (int c = 0; c < C; ++c) h = Simd::dot8(h, Simd::load(col.quad[c] + at), col.b[c]);
+        Simd::store(slide_ + at, h);
+      }
+#endif
+  }
+
+  STEREOPSIS_INLINE void advance_slide(const Column& col) {
+    advance_extra(col);
+    for (int at = 0; at < padded_; at += kLanes) Simd::store(slide_ + at, advance(Simd::load(slide_ + at), col, at));
+  }
+
+  void prime_slide() {
+    std::memset(slide_, 0, padded_ * sizeof(int32_t));
+    for (int k = 0; k < s_.window.width - 1; ++k) advance_slide(column(k));
+  }
+
+  void accumulate() {
+    prime_slide();
+    for (int x = 0; x < p_.width; ++x) {
+      advance_slide(column(x + s_.window.width - 1));
+      int32_t* sums = sums_ + static_cast<size_t>(x) * padded_;
+      for (int at = 0; at < padded_; at += kLanes)
+        Simd::store(sums + at, Simd::add(Simd::load(sums + at), Simd::load(slide_ + at)));
+    }
+  }
+
+  // ---- window statistics ------------------------------------------------------------------------------------------
+
+  void window_statistics() {
+    if (!T::squares) return;
+    // Right statistics lie mirrored: pixel x - d of candidate i at [width - 1 - x + i].
+    const int from = most(0, p_.first), to = least(p_.width, stats_ + p_.first);
+    for (int c = 0; c < C; ++c) {
+      sum_windows(left_column_[c], left_square_[c], false);
+      describe_left(c);
+    }
+    if (T::normalised) inverse_roots(norm_, p_.width, left_scale_);
+    for (int c = 0; c < C; ++c) {
+      sum_windows(right_column_[c], right_square_[c], true);
+      describe_right(c, from, to - from, from - p_.first);
+    }
+    if (T::normalised) inverse_roots(norm_ + from, to - from, right_scale_ + from - p_.first);
+  }
+
+  void sum_windows(const int32_t* column, const int32_t* square, bool reversed) {
+    const int W = p_.width, w = s_.window.width, before = reversed ? s_.window.right() : s_.window.left();
+    pad_columns(column, W, before, columns_, reversed, edge_);
+    slide_sum(edge_, w, W, sum_);
+    pad_columns(square, W, before, columns_, reversed, edge_);
+    slide_sum(edge_, w, W, square_);
+    if (T::centred) moments(sum_, square_, W, n_, inverse_n_, mean_, rest_, about_);
+  }
+
+  void describe_left(int c) {
+    const int W = p_.width;
+    if (Kind == CostKind::ncc) add_energy(square_, W, c == 0, norm_);
+    if (Kind == CostKind::ssd) add_offset(sum_, square_, W, c == 0, 0, 1, left_offset_);
+    if (Kind == CostKind::zssd) add_offset(sum_, about_, W, c == 0, 0, 1, left_offset_);
+    if (Kind == CostKind::zncc) add_deviation(about_, rest_, W, inverse_n_, c == 0, norm_);
+    if (T::centred)
+      centre_left(mean_, rest_, W, T::normalised ? inverse_n_ : 1.0f, left_mean_[c], left_rest_[c], left_slope_[c]);
+  }
+
+  void describe_right(int c, int from, int count, int to) {
+    if (Kind == CostKind::ncc) {
+      add_energy(square_, p_.width, c == 0, norm_);
+      add_offset(sum_ + from, square_ + from, count, c == 0, kCentre, 0, right_offset_ + to);
+    }
+    if (Kind == CostKind::ssd)
+      add_offset(sum_ + from, square_ + from, count, c == 0, -2 * kCentre, 1, right_offset_ + to);
+    if (Kind == CostKind::zssd) add_offset(sum_ + from, about_ + from, count, c == 0, 0, 1, right_offset_ + to);
+    if (Kind == CostKind::zncc) add_deviation(about_, rest_, p_.width, inverse_n_, c == 0, norm_);
+    if (T::centred) {
+      split_right(sum_ + from, mean_ + from, count, right_split_[c] + to, right_mean_[c] + to);
+      to_floats((T::normalised ? sum_ : rest_) + from, count, right_sum_[c] + to);
+    }
+  }
+
+  // ---- from sums to costs -----------------------------------------------------------------------------------------
+
+  // Where the innermost loop reads and writes, held by value: members could be overwritten for all the compiler knows.
+  struct Views {
+    const int32_t *split[C], *mean[C], *offset, *index;
+    const float *sum[C], *scale;
+    int32_t *sums, *right_index;
+    Scalar *costs, *right_best;
+  };
+
+  STEREOPSIS_INLINE Views views_at(int x, int slot, int at) const {
+    const int mirrored = p_.width - 1 - x + at;
+    Views v;
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+      v.split[c] = T::centred ? pinned(right_split_[c] + mirrored) : nullptr;
+      v.mean[c] = right_mean_[c] + mirrored;
+      v.sum[c] = T::centred ? pinned(right_sum_[c] + mirrored) : nullptr;
+    });
+    v.offset = right_offset_ + mirrored;
+    v.scale = T::normalised ? pinned(right_scale_ + mirrored) : nullptr;
+    v.index = index_ + at;
+    v.sums = pinned(sums_ + static_cast<size_t>(x) * padded_ + at);
+    v.costs = pinned(costs_ + slot * stride() + kLanes + at);
+    v.right_best = right_best_ + mirrored;
+    v.right_index = right_index_ + mirrored;
+    return v;
+  }
+
+  // What the left window at x says to every candidate.
+  struct Left {
+    I mean[C], rest[C], offset;
+    F slope[C], scale, inverse_n;
+  };
+
+  STEREOPSIS_INLINE Left left_at(int x) const {
+    Left l;
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+      if (T::centred) l.mean[c] = Simd::set(left_mean_[c][x]);
+      if (T::centred) l.slope[c] = Simd::set(left_slope_[c][x]);
+      if (Kind == CostKind::zssd) l.rest[c] = Simd::set(left_rest_[c][x]);
+    });
+    if (Kind == CostKind::zssd) l.inverse_n = Simd::set(inverse_n_);
+    if (Kind == CostKind::ssd || Kind == CostKind::zssd) l.offset = Simd::set(left_offset_[x]);
+    if (T::normalised) l.scale = Simd::set(left_scale_[x]);
+    return l;
+  }
+
+  static STEREOPSIS_INLINE Vector cost(I sums, [[maybe_unused]] const Left& l, [[maybe_unused]] const Views& v,
+                                       [[maybe_unused]] int at) {
+    if constexpr (Kind == CostKind::sad) {
+      return sums;
+    } else if constexpr (Kind == CostKind::ssd) {
+      return Simd::add(Simd::add(Simd::add(sums, sums), Simd::load(v.offset + at)), l.offset);
+    } else if constexpr (Kind == CostKind::ncc) {
+      const F product = Simd::to_float(Simd::sub(sums, Simd::load(v.offset + at)));
+      return Simd::mul(Simd::mul(product, Simd::load(v.scale + at)), l.scale);
+    } else if constexpr (Kind == CostKind::zncc) {
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        sums = Simd::dot16(sums, Simd::load(v.split[c] + at), l.mean[c]);
+      });
+      F covariance = Simd::to_float(sums);
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        covariance = Simd::add(covariance, Simd::mul(l.slope[c], Simd::load(v.sum[c] + at)));
+      });
+      return Simd::mul(Simd::mul(covariance, Simd::load(v.scale + at)), l.scale);
+    } else {
+      F excess;
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        sums = Simd::dot16(sums, Simd::load(v.split[c] + at), l.mean[c]);
+        sums = Simd::dot16(sums, Simd::load(v.mean[c] + at), l.rest[c]);
+        const F rest = Simd::sub(l.slope[c], Simd::load(v.sum[c] + at));
+        const F square = Simd::mul(Simd::mul(rest, rest), l.inverse_n);
+        excess = c == 0 ? square : Simd::add(excess, square);
+      });
+      const I whole = Simd::add(Simd::add(Simd::add(sums, sums), Simd::load(v.offset + at)), l.offset);
+      return Simd::sub(Simd::to_float(whole), excess);
+    }
+  }
+
+  // ---- winners ----------------------------------------------------------------------------------------------------
+
+  enum class Sight { none, some, all };  // how many of a block's candidates lie inside the right image
+
+  // Candidates [first_seen, end_seen) of pixel x are inside the right image.
+  int first_seen(int x) const { return most(0, x - p_.first - (p_.width - 1)); }
+  int end_seen(int x) const { return least(p_.count, x - p_.first + 1); }
+
+  template <bool Right>
+  void match_row() {
+    if (Right)
+      for (int j = 0; j < stats_; ++j) {
+        right_best_[j] = ValueOf<T::is_float>::worst;
+        right_index_[j] = -1;
+      }
+    prime_slide();
+    for (int x = 0; x < p_.width; x += kChunk) {
+      const int end = least(x + kChunk, p_.width);
+      for (int v = 0; v < vectors_;) {
+        const int rest = vectors_ - v;
+        if (rest >= kBlock) {
+          match_block<Right, kBlock>(x, end, v);
+          v += kBlock;
+        } else if (kBlock >= 8 && rest >= 4) {
+          match_block<Right, 4>(x, end, v);
+          v += 4;
+        } else {
+          match_block<Right, 1>(x, end, v);
+          v += 1;
+        }
+      }
+      take_winners(x, end);
+    }
+  }
+
+  Sight sight(int x, int at, int past) const {
+    const int lo = first_seen(x), hi = end_seen(x);
+    if (hi <= lo || at >= hi || past <= lo) return Sight::none;
+    return lo <= at && past <= hi ? Sight::all : Sight::some;
+  }
+
+  template <bool Right, int N>
+  void match_block(int begin, int end, int first_vector) {
+    const int at = first_vector * kLanes, past = at + N * kLanes;
+    for (int x = begin; x < end;) {
+      const Sight see = sight(x, at, past);
+      int run = x + 1;
+      while (run < end && sight(run, at, past) == see) ++run;
+      switch (see) {
+        case Sight::none:
+          match_run<Right, N, Sight::none>(x, run, x - begin, at);
+          break;
+        case Sight::some:
+          match_run<Right, N, Sight::some>(x, run, x - begin, at);
+          break;
+        case Sight::all:
+          match_run<Right, N, Sight::all>(x, run, x - begin, at);
+          break;
+      }
+      x = run;
+    }
+  }
+
+  template <bool Right, int N, Sight See>
+  STEREOPSIS_NOINLINE void match_run(int begin, int end, int slot, int at) {
+    I h[N];
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
+    for (int x = begin; x < end; ++x, ++slot) {
+      const Column col = column(x + s_.window.width - 1, at);
+#if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
+      if (T::squares && col.extra)
+        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+          unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+            h[v] = Simd::dot8(h[v], Simd::load(col.quad[c] + v * kLanes), col.b[c]);
+          });
+        });
+#endif
+      [[maybe_unused]] const Left left = left_at(x);
+      const Views views = views_at(x, slot, at);
+      [[maybe_unused]] const int lo = first_seen(x), hi = end_seen(x);
+      Scalar* best = best_ + slot * kLanes;
+      int32_t* best_index = best_index_ + slot * kLanes;
+      Vector b = at == 0 ? Simd::set(ValueOf<T::is_float>::worst) : Simd::load(best);
+      I bi = at == 0 ? Simd::set(-1) : Simd::load(best_index);
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+        constexpr int j = v.value * kLanes;
+        h[v] = advance(h[v], col, j);
+        const I s = Simd::add(Simd::load(views.sums + j), h[v]);
+        Simd::store(views.sums + j, s);
+        if constexpr (See != Sight::none) {
+          const Vector value = cost(s, left, views, j);
+          const I index = Simd::load(views.index + j);
+          Simd::store(views.costs + j, value);
+          M better = Simd::less(value, b);
+          if constexpr (See == Sight::some) better = Simd::both(better, Simd::inside(index, lo, hi));
+          b = Simd::select(better, value, b);
+          bi = Simd::select(better, index, bi);
+          if constexpr (Right) {
+            M beats = Simd::less(value, Simd::load(views.right_best + j));
+            if constexpr (See == Sight::some) beats = Simd::both(beats, Simd::inside(index, lo, hi));
+            Simd::store(views.right_best + j, beats, value);
+            Simd::store(views.right_index + j, beats, index);
+          }
+        }
+      });
+      Simd::store(best, b);
+      Simd::store(best_index, bi);
+    }
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
+  }
+
+  void take_winners(int begin, int end) {
+    for (int x = begin; x < end; ++x) {
+      const int slot = x - begin;
+      const Vector b = Simd::load(best_ + slot * kLanes);
+      const I bi = Simd::load(best_index_ + slot * kLanes);
+      const Scalar least_cost = Simd::reduce_min(b);
+      const I at_least = Simd::select(Simd::equal(b, splat(least_cost)), bi, Simd::set(INT32_MAX));
+      const int i = Simd::reduce_min(at_least);
+      const Scalar* costs = costs_ + slot * stride() + kLanes;
+      winner_[x] = i;
+      cost_[x] = least_cost;
+      before_[x] = costs[i - 1];
+      after_[x] = costs[i + 1];
+      if (s_.uniqueness) second_[x] = second_best(costs, i, first_seen(x), end_seen(x));
+    }
+  }
+
+  static STEREOPSIS_INLINE Vector splat(Scalar v) { return Simd::set(v); }
+
+  // The least cost of the candidates that are not next to the winner.
+  static STEREOPSIS_INLINE Scalar second_best(const Scalar* costs, int winner, int lo, int hi) {
+    Vector m = splat(ValueOf<T::is_float>::worst);
+    const Vector worst = m;
+    I index = Simd::load(lane_index());
+    index = Simd::add(index, Simd::set(lo / kLanes * kLanes));
+    for (int at = lo / kLanes * kLanes; at < hi; at += kLanes) {
+      Vector v = Simd::select(Simd::inside(index, lo, hi), Simd::load(costs + at), worst);
+      v = Simd::select(Simd::inside(index, winner - 1, winner + 2), worst, v);
+      m = Simd::min(m, v);
+      index = Simd::add(index, Simd::set(kLanes));
+    }
+    return Simd::reduce_min(m);
+  }
+
+  static const int32_t* lane_index() {
+    static const int32_t values[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    return values;
+  }
+
+  void finish_row(const FusedOutput& out, int y) {
+    RowWinners<Scalar> row{winner_, cost_, before_, after_, second_, right_index_};
+    finish(p_, s_, row, out, y);
+  }
+
+  const Pair& p_;
+  const FusedSettings& s_;
+  Arena arena_;
+  int vectors_, padded_, columns_, quads_, stats_;
+  int32_t n_;
+  float inverse_n_;
+  int32_t sad_even_ = 0;
+  int32_t *sums_, *slide_, *best_index_, *index_;
+  Scalar *costs_, *best_, *right_best_;
+  int32_t *quad_[C], *weight_a_[C], *weight_b_[C];
+  int32_t *left_column_[C], *left_square_[C], *right_column_[C], *right_square_[C];
+  int32_t *left_mean_[C], *left_rest_[C], *right_split_[C], *right_mean_[C];
+  float *left_slope_[C], *right_sum_[C];
+  float *left_scale_, *right_scale_, *norm_;
+  int32_t *left_offset_, *right_offset_, *edge_, *sum_, *square_, *mean_, *rest_, *about_;
+  uint8_t *padded_new_, *padded_old_, *mirrored_new_, *mirrored_old_, *plane_;
+  int32_t *right_index_, *winner_;
+  Scalar *cost_, *before_, *after_, *second_;
+};
+
+}  // namespace
+}  // namespace STEREOPSIS_ISA
+}  // namespace stereopsis

@@ -1,0 +1,57 @@
+#include <algorithm>
+
+#include "parallel.hpp"
+#include "stages.hpp"
+
+namespace stereopsis {
+
+template <class T>
+void select_left(const T* volume, int height, int width, int count, int first, const Winners<T>& winners,
+                 const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
+      for (int x = 0; x < width; ++x) {
+        const size_t at = static_cast<size_t>(y) * width + x;
+        const T* costs = volume + at * count;
+        const int lo = std::max(0, x - first - (width - 1)), hi = std::min(count, x - first + 1);
+        winners.index[at] = -1;
+        winners.cost[at] = winners.before[at] = winners.after[at] = winners.second[at] = worst_cost<T>();
+        if (hi <= lo) continue;
+        const int best = static_cast<int>(std::min_element(costs + lo, costs + hi) - costs);
+        winners.index[at] = best;
+        winners.cost[at] = costs[best];
+        if (best > lo) winners.before[at] = costs[best - 1];
+        if (best + 1 < hi) winners.after[at] = costs[best + 1];
+        for (int i = lo; i < hi; ++i)
+          if (i < best - 1 || i > best + 1) winners.second[at] = std::min(winners.second[at], costs[i]);
+      }
+  });
+}
+
+template <class T>
+void select_right(const T* volume, int height, int width, int count, int first, int32_t* index, const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
+      for (int xr = 0; xr < width; ++xr) {
+        int best = -1;
+        T least = worst_cost<T>();
+        for (int i = 0; i < count; ++i) {
+          const int x = xr + first + i;
+          if (x < 0 || x >= width) continue;
+          const T cost = volume[(static_cast<size_t>(y) * width + x) * count + i];
+          if (best < 0 || cost < least) {
+            best = i;
+            least = cost;
+          }
+        }
+        index[static_cast<size_t>(y) * width + xr] = best;
+      }
+  });
+}
+
+template void select_left(const int64_t*, int, int, int, int, const Winners<int64_t>&, const Workers&);
+template void select_left(const float*, int, int, int, int, const Winners<float>&, const Workers&);
+template void select_right(const int64_t*, int, int, int, int, int32_t*, const Workers&);
+template void select_right(const float*, int, int, int, int, int32_t*, const Workers&);
+
+}  // namespace stereopsis

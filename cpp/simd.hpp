@@ -1,0 +1,280 @@
+// The few vector idioms that plain loops do not give: one struct of static functions per instruction set.
+//
+// A translation unit names its set with STEREOPSIS_ISA (generic, avx2, avx512, avx512vnni) and gets `Simd`. All sets
+// give the same bits: integers are exact, and every float operation is a single IEEE one (no fused multiply-add).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+
+#define STEREOPSIS_ISA_generic 1
+#define STEREOPSIS_ISA_avx2 2
+#define STEREOPSIS_ISA_avx512 3
+#define STEREOPSIS_ISA_avx512vnni 4
+#define STEREOPSIS_CONCAT_(a, b) a##b
+#define STEREOPSIS_CONCAT(a, b) STEREOPSIS_CONCAT_(a, b)
+#define STEREOPSIS_ISA_LEVEL STEREOPSIS_CONCAT(STEREOPSIS_ISA_, STEREOPSIS_ISA)
+
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
+#include <immintrin.h>
+#endif
+
+#if defined(_MSC_VER)
+#define STEREOPSIS_INLINE __forceinline
+#define STEREOPSIS_NOINLINE __declspec(noinline)
+#define STEREOPSIS_INLINE_LAMBDA
+#define STEREOPSIS_RESTRICT __restrict
+#else
+#define STEREOPSIS_INLINE_LAMBDA __attribute__((always_inline))
+#define STEREOPSIS_RESTRICT __restrict__
+#define STEREOPSIS_INLINE inline __attribute__((always_inline))
+#define STEREOPSIS_NOINLINE __attribute__((noinline))
+#endif
+
+namespace stereopsis {
+namespace STEREOPSIS_ISA {
+
+// Unrolled where the compiler still keeps small arrays in registers: before its own unrolling.
+template <int I>
+struct Constant {
+  static constexpr int value = I;
+  constexpr operator int() const { return I; }
+};
+template <int N, int From = 0, class Body>
+static STEREOPSIS_INLINE void unrolled(const Body& body) {
+  if constexpr (From < N) {
+    body(Constant<From>{});
+    unrolled<N, From + 1>(body);
+  }
+}
+
+// Keeps an address in one register: GCC else recomputes it from its parts at each use, and runs out of registers.
+template <class T>
+static STEREOPSIS_INLINE T* pinned(T* pointer) {
+#if defined(__GNUC__)
+  __asm__("" : "+r"(pointer));
+#endif
+  return pointer;
+}
+
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+
+struct Simd {
+  static constexpr int lanes = 16;
+  static constexpr int block = 8;  // vectors of disparities held in registers at once
+  using I = __m512i;
+  using F = __m512;
+  using M = __mmask16;
+
+  static STEREOPSIS_INLINE I load(const int32_t* p) { return _mm512_loadu_si512(p); }
+  static STEREOPSIS_INLINE F load(const float* p) { return _mm512_loadu_ps(p); }
+  static STEREOPSIS_INLINE void store(int32_t* p, I v) { _mm512_storeu_si512(p, v); }
+  static STEREOPSIS_INLINE void store(float* p, F v) { _mm512_storeu_ps(p, v); }
+  static STEREOPSIS_INLINE void store(int32_t* p, M m, I v) { _mm512_mask_storeu_epi32(p, m, v); }
+  static STEREOPSIS_INLINE void store(float* p, M m, F v) { _mm512_mask_storeu_ps(p, m, v); }
+  static STEREOPSIS_INLINE I set(int32_t v) { return _mm512_set1_epi32(v); }
+  static STEREOPSIS_INLINE F set(float v) { return _mm512_set1_ps(v); }
+  static STEREOPSIS_INLINE I add(I a, I b) { return _mm512_add_epi32(a, b); }
+  static STEREOPSIS_INLINE I sub(I a, I b) { return _mm512_sub_epi32(a, b); }
+  static STEREOPSIS_INLINE F add(F a, F b) { return _mm512_add_ps(a, b); }
+  static STEREOPSIS_INLINE F sub(F a, F b) { return _mm512_sub_ps(a, b); }
+  static STEREOPSIS_INLINE F mul(F a, F b) { return _mm512_mul_ps(a, b); }
+  static STEREOPSIS_INLINE F to_float(I a) { return _mm512_cvtepi32_ps(a); }
+  static STEREOPSIS_INLINE M less(F a, F b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
+  static STEREOPSIS_INLINE M less(I a, I b) { return _mm512_cmplt_epi32_mask(a, b); }
+  static STEREOPSIS_INLINE M inside(I i, int lo, int hi) {
+    return _mm512_cmplt_epu32_mask(_mm512_sub_epi32(i, set(lo)), set(hi - lo));
+  }
+  static STEREOPSIS_INLINE M both(M a, M b) { return static_cast<M>(a & b); }
+  static STEREOPSIS_INLINE F select(M m, F yes, F no) { return _mm512_mask_mov_ps(no, m, yes); }
+  static STEREOPSIS_INLINE I select(M m, I yes, I no) { return _mm512_mask_mov_epi32(no, m, yes); }
+  static STEREOPSIS_INLINE F min(F a, F b) { return _mm512_min_ps(a, b); }
+  static STEREOPSIS_INLINE I min(I a, I b) { return _mm512_min_epi32(a, b); }
+  static STEREOPSIS_INLINE float reduce_min(F a) { return _mm512_reduce_min_ps(a); }
+  static STEREOPSIS_INLINE int32_t reduce_min(I a) { return _mm512_reduce_min_epi32(a); }
+  static STEREOPSIS_INLINE M equal(F a, F b) { return _mm512_cmp_ps_mask(a, b, _CMP_EQ_OQ); }
+  static STEREOPSIS_INLINE M equal(I a, I b) { return _mm512_cmpeq_epi32_mask(a, b); }
+  // acc + a.low * b.low + a.high * b.high, on pairs of int16
+  static STEREOPSIS_INLINE I dot16(I acc, I a, I b) {
+#if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
+    return _mm512_dpwssd_epi32(acc, a, b);
+#else
+    return _mm512_add_epi32(acc, _mm512_madd_epi16(a, b));
+#endif
+  }
+  // The bytes of four rows side by side, one group of four a lane.
+  static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
+    const auto widen = [](const uint8_t* p) {
+      return _mm512_cvtepu8_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)));
+    };
+    return _mm512_or_si512(_mm512_or_si512(widen(a), _mm512_slli_epi32(widen(b), 8)),
+                           _mm512_or_si512(_mm512_slli_epi32(widen(c), 16), _mm512_slli_epi32(widen(d), 24)));
+  }
+  static STEREOPSIS_INLINE I even_bytes(I a) { return _mm512_and_si512(a, _mm512_set1_epi32(0x00FF00FF)); }
+  static STEREOPSIS_INLINE I odd_bytes(I a) { return _mm512_srli_epi16(a, 8); }
+  static STEREOPSIS_INLINE I abs_diff8(I a, I b) {
+    return _mm512_or_si512(_mm512_subs_epu8(a, b), _mm512_subs_epu8(b, a));
+  }
+#if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
+  static constexpr bool has_dot8 = true;
+  // acc + the four products of unsigned and signed bytes
+  static STEREOPSIS_INLINE I dot8(I acc, I u, I s) { return _mm512_dpbusd_epi32(acc, u, s); }
+#else
+  static constexpr bool has_dot8 = false;
+#endif
+};
+
+#elif STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx2
+
+struct Simd {
+  static constexpr int lanes = 8;
+  static constexpr int block = 4;
+  using I = __m256i;
+  using F = __m256;
+  struct M {
+    __m256i v;
+  };
+
+  static STEREOPSIS_INLINE I load(const int32_t* p) { return _mm256_loadu_si256(reinterpret_cast<const I*>(p)); }
+  static STEREOPSIS_INLINE F load(const float* p) { return _mm256_loadu_ps(p); }
+  static STEREOPSIS_INLINE void store(int32_t* p, I v) { _mm256_storeu_si256(reinterpret_cast<I*>(p), v); }
+  static STEREOPSIS_INLINE void store(float* p, F v) { _mm256_storeu_ps(p, v); }
+  static STEREOPSIS_INLINE void store(int32_t* p, M m, I v) { store(p, select(m, v, load(p))); }
+  static STEREOPSIS_INLINE void store(float* p, M m, F v) { store(p, select(m, v, load(p))); }
+  static STEREOPSIS_INLINE I set(int32_t v) { return _mm256_set1_epi32(v); }
+  static STEREOPSIS_INLINE F set(float v) { return _mm256_set1_ps(v); }
+  static STEREOPSIS_INLINE I add(I a, I b) { return _mm256_add_epi32(a, b); }
+  static STEREOPSIS_INLINE I sub(I a, I b) { return _mm256_sub_epi32(a, b); }
+  static STEREOPSIS_INLINE F add(F a, F b) { return _mm256_add_ps(a, b); }
+  static STEREOPSIS_INLINE F sub(F a, F b) { return _mm256_sub_ps(a, b); }
+  static STEREOPSIS_INLINE F mul(F a, F b) { return _mm256_mul_ps(a, b); }
+  static STEREOPSIS_INLINE F to_float(I a) { return _mm256_cvtepi32_ps(a); }
+  static STEREOPSIS_INLINE M less(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_LT_OQ))}; }
+  static STEREOPSIS_INLINE M less(I a, I b) { return {_mm256_cmpgt_epi32(b, a)}; }
+  static STEREOPSIS_INLINE M inside(I i, int lo, int hi) {
+    return both(less(set(lo - 1), i), less(i, set(hi)));
+  }
+  static STEREOPSIS_INLINE M both(M a, M b) { return {_mm256_and_si256(a.v, b.v)}; }
+  static STEREOPSIS_INLINE F select(M m, F yes, F no) { return _mm256_blendv_ps(no, yes, _mm256_castsi256_ps(m.v)); }
+  static STEREOPSIS_INLINE I select(M m, I yes, I no) { return _mm256_blendv_epi8(no, yes, m.v); }
+  static STEREOPSIS_INLINE F min(F a, F b) { return _mm256_min_ps(a, b); }
+  static STEREOPSIS_INLINE I min(I a, I b) { return _mm256_min_epi32(a, b); }
+  static STEREOPSIS_INLINE float reduce_min(F a) {
+    __m128 m = _mm_min_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
+    m = _mm_min_ps(m, _mm_movehl_ps(m, m));
+    return _mm_cvtss_f32(_mm_min_ss(m, _mm_shuffle_ps(m, m, 1)));
+  }
+  static STEREOPSIS_INLINE int32_t reduce_min(I a) {
+    __m128i m = _mm_min_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
+    m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4E));
+    return _mm_cvtsi128_si32(_mm_min_epi32(m, _mm_shuffle_epi32(m, 0xB1)));
+  }
+  static STEREOPSIS_INLINE M equal(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_EQ_OQ))}; }
+  static STEREOPSIS_INLINE M equal(I a, I b) { return {_mm256_cmpeq_epi32(a, b)}; }
+  static STEREOPSIS_INLINE I dot16(I acc, I a, I b) { return _mm256_add_epi32(acc, _mm256_madd_epi16(a, b)); }
+  static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
+    const auto widen = [](const uint8_t* p) {
+      return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(p)));
+    };
+    return _mm256_or_si256(_mm256_or_si256(widen(a), _mm256_slli_epi32(widen(b), 8)),
+                           _mm256_or_si256(_mm256_slli_epi32(widen(c), 16), _mm256_slli_epi32(widen(d), 24)));
+  }
+  static STEREOPSIS_INLINE I even_bytes(I a) { return _mm256_and_si256(a, _mm256_set1_epi32(0x00FF00FF)); }
+  static STEREOPSIS_INLINE I odd_bytes(I a) { return _mm256_srli_epi16(a, 8); }
+  static STEREOPSIS_INLINE I abs_diff8(I a, I b) {
+    return _mm256_or_si256(_mm256_subs_epu8(a, b), _mm256_subs_epu8(b, a));
+  }
+  static constexpr bool has_dot8 = false;
+};
+
+#else
+
+// Plain arrays: what every compiler turns into whatever the machine has.
+struct Simd {
+  static constexpr int lanes = 8;
+  static constexpr int block = 2;
+  struct I {
+    int32_t v[lanes];
+  };
+  struct F {
+    float v[lanes];
+  };
+  struct M {
+    int32_t v[lanes];  // 0 or -1
+  };
+#define STEREOPSIS_EACH(R, expression)                \
+  R r;                                                \
+  for (int i = 0; i < lanes; ++i) r.v[i] = expression; \
+  return r
+
+  static STEREOPSIS_INLINE I load(const int32_t* p) { STEREOPSIS_EACH(I, p[i]); }
+  static STEREOPSIS_INLINE F load(const float* p) { STEREOPSIS_EACH(F, p[i]); }
+  static STEREOPSIS_INLINE void store(int32_t* p, const I& v) { std::memcpy(p, v.v, sizeof v.v); }
+  static STEREOPSIS_INLINE void store(float* p, const F& v) { std::memcpy(p, v.v, sizeof v.v); }
+  static STEREOPSIS_INLINE void store(int32_t* p, const M& m, const I& v) { store(p, select(m, v, load(p))); }
+  static STEREOPSIS_INLINE void store(float* p, const M& m, const F& v) { store(p, select(m, v, load(p))); }
+  static STEREOPSIS_INLINE I set(int32_t v) { STEREOPSIS_EACH(I, v); }
+  static STEREOPSIS_INLINE F set(float v) { STEREOPSIS_EACH(F, v); }
+  // Sums wrap, as the vector instructions do; the totals that matter are bounded.
+  static STEREOPSIS_INLINE int32_t wrap(uint32_t v) { return static_cast<int32_t>(v); }
+  static STEREOPSIS_INLINE I add(const I& a, const I& b) {
+    STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a.v[i]) + static_cast<uint32_t>(b.v[i])));
+  }
+  static STEREOPSIS_INLINE I sub(const I& a, const I& b) {
+    STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a.v[i]) - static_cast<uint32_t>(b.v[i])));
+  }
+  static STEREOPSIS_INLINE F add(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] + b.v[i]); }
+  static STEREOPSIS_INLINE F sub(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] - b.v[i]); }
+  static STEREOPSIS_INLINE F mul(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] * b.v[i]); }
+  static STEREOPSIS_INLINE F to_float(const I& a) { STEREOPSIS_EACH(F, static_cast<float>(a.v[i])); }
+  static STEREOPSIS_INLINE M less(const F& a, const F& b) { STEREOPSIS_EACH(M, -(a.v[i] < b.v[i])); }
+  static STEREOPSIS_INLINE M less(const I& a, const I& b) { STEREOPSIS_EACH(M, -(a.v[i] < b.v[i])); }
+  static STEREOPSIS_INLINE M inside(const I& a, int lo, int hi) {
+    STEREOPSIS_EACH(M, -((a.v[i] >= lo) & (a.v[i] < hi)));
+  }
+  static STEREOPSIS_INLINE M both(const M& a, const M& b) { STEREOPSIS_EACH(M, a.v[i] & b.v[i]); }
+  static STEREOPSIS_INLINE F select(const M& m, const F& yes, const F& no) {
+    STEREOPSIS_EACH(F, m.v[i] ? yes.v[i] : no.v[i]);
+  }
+  static STEREOPSIS_INLINE I select(const M& m, const I& yes, const I& no) {
+    STEREOPSIS_EACH(I, m.v[i] ? yes.v[i] : no.v[i]);
+  }
+  static STEREOPSIS_INLINE F min(const F& a, const F& b) { STEREOPSIS_EACH(F, b.v[i] < a.v[i] ? b.v[i] : a.v[i]); }
+  static STEREOPSIS_INLINE I min(const I& a, const I& b) { STEREOPSIS_EACH(I, b.v[i] < a.v[i] ? b.v[i] : a.v[i]); }
+  template <class V>
+  static STEREOPSIS_INLINE auto reduce_min(const V& a) {
+    auto m = a.v[0];
+    for (int i = 1; i < lanes; ++i) m = a.v[i] < m ? a.v[i] : m;
+    return m;
+  }
+  static STEREOPSIS_INLINE M equal(const F& a, const F& b) { STEREOPSIS_EACH(M, -(a.v[i] == b.v[i])); }
+  static STEREOPSIS_INLINE M equal(const I& a, const I& b) { STEREOPSIS_EACH(M, -(a.v[i] == b.v[i])); }
+  static STEREOPSIS_INLINE int32_t low(int32_t v) { return static_cast<int16_t>(v & 0xFFFF); }
+  static STEREOPSIS_INLINE int32_t high(int32_t v) { return v >> 16; }
+  static STEREOPSIS_INLINE I dot16(const I& acc, const I& a, const I& b) {
+    STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(acc.v[i]) +
+                            static_cast<uint32_t>(low(a.v[i]) * low(b.v[i]) + high(a.v[i]) * high(b.v[i]))));
+  }
+  static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
+    STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a[i]) | static_cast<uint32_t>(b[i]) << 8 |
+                            static_cast<uint32_t>(c[i]) << 16 | static_cast<uint32_t>(d[i]) << 24));
+  }
+  static STEREOPSIS_INLINE I even_bytes(const I& a) { STEREOPSIS_EACH(I, a.v[i] & 0x00FF00FF); }
+  static STEREOPSIS_INLINE I odd_bytes(const I& a) { STEREOPSIS_EACH(I, (a.v[i] >> 8) & 0x00FF00FF); }
+  static STEREOPSIS_INLINE uint32_t byte_diff(uint32_t a, uint32_t b, int shift) {
+    const uint32_t p = (a >> shift) & 255, q = (b >> shift) & 255;
+    return (p > q ? p - q : q - p) << shift;
+  }
+  static STEREOPSIS_INLINE I abs_diff8(const I& a, const I& b) {
+    STEREOPSIS_EACH(I, wrap(byte_diff(a.v[i], b.v[i], 0) | byte_diff(a.v[i], b.v[i], 8) |
+                            byte_diff(a.v[i], b.v[i], 16) | byte_diff(a.v[i], b.v[i], 24)));
+  }
+  static constexpr bool has_dot8 = false;
+#undef STEREOPSIS_EACH
+};
+
+#endif
+
+}  // namespace STEREOPSIS_ISA
+}  // namespace stereopsis

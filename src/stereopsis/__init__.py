@@ -1,0 +1,54 @@
+"""Disparity maps that can be trusted, from rectified stereo pairs."""
+
+from stereopsis import datasets, io, scenes
+from stereopsis.evaluate import Scores, error_map, evaluate
+from stereopsis.io import (
+    read_calibration,
+    read_disparity,
+    read_image,
+    read_pair,
+    write_disparity,
+    write_image,
+    write_ply,
+    write_preview,
+)
+from stereopsis.io import depth, points
+from stereopsis.pipeline import estimate_disparities, match
+from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
+from stereopsis.types import Calibration, Disparities, Flag, Pair, Result
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "NCC",
+    "PRESETS",
+    "SAD",
+    "SSD",
+    "ZNCC",
+    "ZSAD",
+    "ZSSD",
+    "Calibration",
+    "Disparities",
+    "Flag",
+    "Pair",
+    "Result",
+    "Scores",
+    "Settings",
+    "datasets",
+    "depth",
+    "error_map",
+    "estimate_disparities",
+    "evaluate",
+    "io",
+    "match",
+    "points",
+    "read_calibration",
+    "read_disparity",
+    "read_image",
+    "read_pair",
+    "scenes",
+    "write_disparity",
+    "write_image",
+    "write_ply",
+    "write_preview",
+]

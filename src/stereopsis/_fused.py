@@ -1,0 +1,67 @@
+"""The streaming path: cost, aggregation, selection, left-right check, uniqueness and sub-pixel fit in one pass.
+
+It holds no cost volume, and gives the same bits as the composed stages.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from stereopsis import _core
+from stereopsis.cost import KINDS, Pixels, fits_narrow
+from stereopsis.types import Disparities
+
+ENVIRONMENT = "STEREOPSIS_INSTRUCTIONS"
+"""Environment variable that forces an instruction set, for tests: one of `instruction_sets`."""
+
+SUBPIXEL = (None, "parabola", "equiangular")
+"""In the core's order."""
+
+
+def instruction_sets() -> list[str]:
+    """Instruction sets that this build has and this machine can run, best first."""
+    return list(_core.instruction_sets())
+
+
+def instruction_set() -> str:
+    """The instruction set in use."""
+    return os.environ.get(ENVIRONMENT) or instruction_sets()[0]
+
+
+def match(
+    kind: str,
+    pair: Pixels,
+    disparities: Disparities,
+    window: tuple[int, int],
+    subpixel: str | None,
+    left_right: float | None,
+    uniqueness: float | None,
+    threads: int,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Disparity, confidence and flags, (H, W) each, of a pair and a range of which some candidate is in view."""
+    shape = pair.left.shape[:2]
+    out = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    left: npt.NDArray[Any] = pair.left
+    right: npt.NDArray[Any] = pair.right
+    if kind == "zsad" or (left.dtype == np.uint8 and not fits_narrow(window, left.shape[2])):
+        left, right = left.astype(np.int32), right.astype(np.int32)
+    ratio = None if uniqueness is None else 1 + uniqueness / 100
+    _core.match(
+        left,
+        right,
+        disparities.min,
+        disparities.count,
+        KINDS.index(kind),
+        *window,
+        SUBPIXEL.index(subpixel),
+        left_right,
+        ratio,
+        *out,
+        threads,
+        os.environ.get(ENVIRONMENT, ""),
+    )
+    return out

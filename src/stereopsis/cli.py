@@ -1,0 +1,523 @@
+"""The command line: parse, call, print. Nobody imports it.
+
+Whatever is heavy is imported inside the commands, so that ``--help`` and a mistyped option answer at once.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import json
+import os
+import sys
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+
+import click
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from stereopsis.evaluate import Scores
+    from stereopsis.settings import Settings
+    from stereopsis.types import Calibration, Pair, Result
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+REFUSED = 2
+"""Exit code when what was asked for cannot be done."""
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as a shell has it."""
+
+PIPE_CLOSED = 141
+"""Exit code when nobody reads standard output any more, as a shell has it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        What follows the program's name; by default what the process was given.
+
+    Returns
+    -------
+    int
+        The exit code: 0; 2 after one line on standard error, ``stereopsis: error: ...``; 130 after Ctrl-C.
+    """
+    try:
+        code = commands.main(arguments, prog_name="stereopsis", standalone_mode=False)
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx else "stereopsis"
+        _complain(f"{error.format_message()} See '{where} --help'.")
+    except click.ClickException as error:
+        _complain(error.format_message())
+    except MemoryError as error:
+        _complain(f"not enough memory. {error}")
+    except OSError as error:
+        _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except (ValueError, TypeError) as error:
+        _complain(str(error))
+    else:
+        return code if isinstance(code, int) else 0
+    return REFUSED
+
+
+def _complain(message: str) -> None:
+    print("stereopsis: error:", " ".join(message.split()), file=sys.stderr)
+
+
+class _Commands(click.Group):
+    """Lists the commands in the order in which they stand below, and ends quietly when told to."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def invoke(self, ctx: click.Context) -> None:
+        try:
+            super().invoke(ctx)
+            sys.stdout.flush()
+        except KeyboardInterrupt:
+            print("stereopsis: interrupted", file=sys.stderr)
+            ctx.exit(INTERRUPTED)
+        except BrokenPipeError:
+            # What is still buffered has to go somewhere when the interpreter ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            ctx.exit(PIPE_CLOSED)
+
+
+class _Range(click.ParamType):
+    """MIN:MAX, like Python's range."""
+
+    name = "MIN:MAX"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        try:
+            low, high = (int(end) for end in value.split(":"))
+        except ValueError:
+            self.fail(f"{value!r} is not MIN:MAX, two whole numbers such as 0:128 or -16:48.", param, ctx)
+        if low >= high:
+            self.fail(f"{value!r} holds no disparity: MAX is excluded and must exceed MIN.", param, ctx)
+        return low, high
+
+
+class _Size(click.ParamType):
+    """WIDTHxHEIGHT in pixels."""
+
+    name = "size"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        try:
+            width, height = (int(side) for side in value.split("x"))
+        except ValueError:
+            self.fail(f"{value!r} is not WIDTHxHEIGHT, two whole numbers such as 880x400.", param, ctx)
+        return width, height
+
+
+def _show_version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value:
+        import stereopsis as st
+
+        click.echo(f"stereopsis {st.__version__}")
+        ctx.exit()
+
+
+_INPUT = click.Path(exists=True, dir_okay=False, path_type=Path)
+_OUTPUT = click.Path(path_type=Path)
+_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+
+
+def _choices(command: F) -> F:
+    """The options that together reach every setting; the command receives them as `_Choices`."""
+    disparities = "Disparities to search, MAX excluded. Left away, they are estimated from the images."
+
+    @click.option("--disparities", type=_Range(), help=disparities)
+    @click.option("--preset", metavar="NAME", help="Start from a preset; 'stereopsis info' lists them.")
+    @click.option("--settings", "file", type=_INPUT, help="Read settings from this TOML file.")
+    @click.option(
+        "--set", "assignments", metavar="NAME=VALUE", multiple=True, help="Change one setting; repeatable."
+    )
+    @click.option("--threads", type=int, help="Number of threads; 0 takes every core.")
+    @functools.wraps(command)
+    def with_choices(
+        *args: Any,
+        disparities: tuple[int, int] | None,
+        preset: str | None,
+        file: Path | None,
+        assignments: tuple[str, ...],
+        threads: int | None,
+        **others: Any,
+    ) -> Any:
+        from stereopsis.settings import Settings
+
+        given = {"disparities": disparities, "threads": threads}
+        changes = {name: value for name, value in given.items() if value is not None}
+        settings = Settings.make(preset=preset, file=file, assignments=assignments, **changes)
+        return command(*args, settings=settings, **others)
+
+    return cast(F, with_choices)
+
+
+@click.group(
+    cls=_Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
+    help="Show the version.",
+)
+@click.pass_context
+def commands(ctx: click.Context) -> None:
+    """Disparity maps that can be trusted, from rectified stereo pairs.
+
+    \b
+      stereopsis demo -o demo
+      stereopsis match left.png right.png -o disparity.png -o preview.png
+      stereopsis evaluate disparity.png truth.png
+      stereopsis info disparity.png
+    """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+@commands.command()
+@click.argument("left", type=_INPUT)
+@click.argument("right", type=_INPUT)
+@click.option("-o", "--output", "outputs", type=_OUTPUT, multiple=True, help="Write this file; repeatable.")
+@_choices
+@click.option("--calibration", type=_INPUT, help="The pair's calibration; .ply needs it.")
+@click.option("--truth", type=_INPUT, help="Score the result against this disparity map.")
+@_json
+def match(
+    left: Path,
+    right: Path,
+    outputs: tuple[Path, ...],
+    settings: Settings,
+    calibration: Path | None,
+    truth: Path | None,
+    as_json: bool,
+) -> None:
+    """Match a rectified pair.
+
+    \b
+      stereopsis match left.png right.png -o out.png -o out.pfm -o preview.png
+      stereopsis match left.png right.png --disparities 0:128 --set cost=zncc --set window=31
+      stereopsis match left.png right.png --preset fast --calibration calib.txt -o points.ply
+
+    What an output holds follows its name: .png 16-bit disparities as KITTI has them; .pfm, .npy, .tif
+    disparities as they are; *preview.png and .jpg a picture; .ply a point cloud in metres.
+    """
+    import stereopsis as st
+
+    camera = st.read_calibration(calibration) if calibration else None
+    _check_outputs(outputs, camera, inputs=(left, right, calibration, truth))
+    pair = st.read_pair(left, right, camera)
+    target = st.read_disparity(truth) if truth else None
+    if target is not None and target.shape != pair.left.shape[:2]:
+        raise ValueError(f"{truth} holds {_size(target)} pixels, but {left} has {_size(pair.left)}")
+
+    result = st.match(pair, settings=settings)
+    scores = st.evaluate(result.disparity, target) if target is not None else None
+    _write_outputs(outputs, result, pair)
+
+    if as_json:
+        scored = {"scores": scores.to_dict()} if scores else {}
+        files = {"left": str(left), "right": str(right), "outputs": [str(path) for path in outputs]}
+        _print_json({**files, **_facts(result), **scored})
+        return
+    _print_result(result)
+    if scores:
+        _print_scores(scores)
+    _print_written(outputs)
+
+
+@commands.command()
+@click.argument("disparity", type=_INPUT)
+@click.argument("truth", type=_INPUT)
+@click.option("--mask", type=_INPUT, help="Count only where this picture is white: 255, or 1 among 0 and 1.")
+@click.option("--error-map", type=_OUTPUT, help="Draw the errors into this file.")
+@click.option("--format", metavar="FORMAT", help="What DISPARITY is, where its content does not say.")
+@click.option("--truth-format", metavar="FORMAT", help="What TRUTH is, such as middlebury:4.")
+@_json
+def evaluate(
+    disparity: Path,
+    truth: Path,
+    mask: Path | None,
+    error_map: Path | None,
+    format: str | None,
+    truth_format: str | None,
+    as_json: bool,
+) -> None:
+    """Score a disparity map against the truth.
+
+    \b
+      stereopsis evaluate out.png truth.png
+      stereopsis evaluate out.pfm disp0GT.pfm --mask mask0nocc.png --error-map error.png --json
+
+    The scores stand in three columns: over the pixels that the map answers, over all known pixels with the
+    unanswered ones counted as wrong, and over all known pixels after holes have been filled as KITTI does.
+    """
+    import stereopsis as st
+    from stereopsis.evaluate import error_map as draw_errors
+
+    pictures = (error_map,) if error_map else ()
+    _check_outputs(pictures, inputs=(disparity, truth, mask))
+    found, target = st.read_disparity(disparity, format), st.read_disparity(truth, truth_format)
+    if found.shape != target.shape:
+        raise ValueError(f"{disparity} holds {_size(found)} pixels, but {truth} {_size(target)}")
+    counted = _read_mask(mask, target.shape) if mask else None
+
+    scores = st.evaluate(found, target, counted)
+    for path in pictures:
+        st.write_image(path, draw_errors(found, target, counted))
+
+    if as_json:
+        picture = {"error_map": str(error_map)} if error_map else {}
+        _print_json({"disparity": str(disparity), "truth": str(truth), **picture, **scores.to_dict()})
+        return
+    _print_scores(scores)
+    _print_written(pictures)
+
+
+@commands.command()
+@click.argument("file", type=_INPUT, required=False)
+@_json
+def info(file: Path | None, as_json: bool) -> None:
+    """Say what a file holds, and what this program is made of.
+
+    \b
+      stereopsis info
+      stereopsis info disparity.png
+      stereopsis info calib.txt --json
+
+    FILE may be a disparity map, an image, a calibration or a .ply point cloud.
+    """
+    from stereopsis import io
+
+    described = io.describe(file) if file else {}
+    program = _program()
+    if as_json:
+        _print_json({**described, "program": program})
+        return
+    if described:
+        _print_facts(described)
+    _print_facts(program)
+
+
+@commands.command()
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    type=_OUTPUT,
+    default="demo",
+    show_default=True,
+    help="The folder to write to.",
+)
+@click.option(
+    "--size",
+    metavar="WIDTHxHEIGHT",
+    type=_Size(),
+    default="880x400",
+    show_default=True,
+    help="Size of the images.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Which street.")
+@_choices
+@_json
+def demo(folder: Path, size: tuple[int, int], seed: int, settings: Settings, as_json: bool) -> None:
+    """Render a street scene, match it, score it and write all of it.
+
+    \b
+      stereopsis demo -o demo
+      stereopsis demo -o demo --seed 7 --set cost=zncc --set window=9
+    """
+    from stereopsis.demo import demonstrate
+
+    shown = demonstrate(folder, *size, seed, settings)
+    if as_json:
+        files = {"outputs": [str(path) for path in shown.files]}
+        scores = {"scores": shown.scores.to_dict()}
+        _print_json({**files, **_facts(shown.result), **scores})
+        return
+    _print_result(shown.result)
+    _print_scores(shown.scores)
+    _print_written(shown.files)
+
+
+def _check_outputs(
+    paths: Sequence[Path], camera: Calibration | None = None, *, inputs: Sequence[Path | None]
+) -> None:
+    """Refuse what could not be written, before any work is done."""
+    from stereopsis import io
+
+    seen = {path.resolve() for path in inputs if path}
+    for path in paths:
+        io.check_output(path, calibration=camera)
+        if not os.access(path.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path.parent))
+        if path.resolve() in seen:
+            raise ValueError(f"{path} is also read, or written twice")
+        seen.add(path.resolve())
+
+
+def _write_outputs(paths: Sequence[Path], result: Result, pair: Pair) -> None:
+    """Write every output, or none if one of them cannot hold the result."""
+    from stereopsis import io
+    from stereopsis.io.atomic import write_bytes
+
+    with TemporaryDirectory(prefix="stereopsis-") as folder:
+        drafts = {path: Path(folder, f"{number}-{path.name}") for number, path in enumerate(paths)}
+        for path, draft in drafts.items():
+            try:
+                io.write_output(draft, result.disparity, image=pair.left, calibration=pair.calibration)
+            except ValueError as error:
+                raise ValueError(str(error).replace(str(draft), str(path))) from error
+        for path, draft in drafts.items():
+            write_bytes(path, draft.read_bytes())
+
+
+def _read_mask(path: Path, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    """Where a picture is white; Middlebury draws what one camera alone sees at 128."""
+    import numpy as np
+
+    import stereopsis as st
+
+    picture = st.read_image(path)
+    if picture.shape != shape:
+        raise ValueError(
+            f"{path} must be grey and {shape[1]} x {shape[0]} as the truth, not of shape {picture.shape}"
+        )
+    values = set(np.unique(picture).tolist())
+    if not (values <= {0, 1} or values <= {0, 128, 255}):
+        raise ValueError(f"{path} is no mask: it holds other values than 0, 128 and 255, or 0 and 1")
+    white: npt.NDArray[np.bool_] = picture == (255 if values - {0, 1} else 1)
+    return white
+
+
+def _size(pixels: npt.NDArray[Any]) -> str:
+    return f"{pixels.shape[1]} x {pixels.shape[0]}"
+
+
+def _facts(result: Result) -> dict[str, Any]:
+    """A result as plain data, without its arrays."""
+    import numpy as np
+
+    from stereopsis.types import Flag
+
+    return {
+        "width": result.disparity.shape[1],
+        "height": result.disparity.shape[0],
+        "settings": tomllib.loads(result.settings.to_toml()),
+        "path": result.path,
+        "seconds": result.seconds,
+        "timings": dict(result.timings),
+        "density": result.density,
+        "flags": {str(flag.name).lower(): int(np.count_nonzero(result.flags & flag)) for flag in Flag},
+    }
+
+
+def _program() -> dict[str, Any]:
+    """Versions, instruction sets and presets."""
+    import platform
+    from importlib import metadata
+
+    from stereopsis import _core, settings
+
+    return {
+        "stereopsis": metadata.version("stereopsis"),
+        "instruction_set": _core.instruction_set(),
+        "instruction_sets": list(_core.instruction_sets()),
+        "cores": os.cpu_count() or 1,
+        "presets": list(settings.PRESETS),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        **{
+            name: metadata.version(name) for name in ("numpy", "pillow", "imagecodecs", "tifffile", "trimesh")
+        },
+    }
+
+
+def _print_json(report: Mapping[str, Any]) -> None:
+    click.echo(json.dumps(report, indent=2, allow_nan=False))
+
+
+def _print_table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> None:
+    """Print rows of a label and values; below a line of column names, the values stand at the right."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, show_header=bool(head), header_style="bold")
+    for number, name in enumerate(head or ("", "")):
+        justify: Literal["left", "right"] = "right" if head and number else "left"
+        table.add_column(name, justify=justify, style=None if number else "cyan", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    # Echoed, not printed: of a closed pipe rich would make an exit of its own.
+    console = Console(markup=False, highlight=False)
+    with console.capture() as printed:
+        console.print(table)
+    click.echo("\n".join(line.rstrip() for line in printed.get().splitlines()))
+
+
+def _print_facts(facts: Mapping[str, Any]) -> None:
+    _print_table((name.replace("_", " "), _text(value)) for name, value in facts.items() if value is not None)
+
+
+def _text(value: Any) -> str:
+    match value:
+        case float():
+            return f"{value:.6g}"
+        case list() | tuple():
+            return ", ".join(map(_text, value))
+        case dict():
+            return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
+        case _:
+            return str(value)
+
+
+def _print_result(result: Result) -> None:
+    facts = _facts(result)
+    pixels = result.disparity.size
+    rejected = [
+        f"{name.replace('_', ' ')} {count / pixels:.1%}" for name, count in facts["flags"].items() if count
+    ]
+    stages = [f"{name} {1000 * seconds:.1f}" for name, seconds in facts["timings"].items()]
+    _print_table(
+        [
+            ("size", _size(result.disparity)),
+            *((name.replace("_", " "), _text(value)) for name, value in facts["settings"].items()),
+            ("density", f"{result.density:.1%}"),
+            ("flags", ", ".join(rejected) or "none"),
+            (
+                "time",
+                f"{1000 * result.seconds:.1f} ms, {result.path}"
+                + (f" ({', '.join(stages)})" if stages else ""),
+            ),
+        ]
+    )
+
+
+def _print_scores(scores: Scores) -> None:
+    density = f"{100 * scores.density:.2f} %" if scores.known else "-"
+    _print_table([("density", density, "", ""), *scores.rows()], head=("", "own", "all", "filled"))
+
+
+def _print_written(paths: Sequence[Path]) -> None:
+    for path in paths:
+        click.echo(f"wrote {path}")

@@ -1,0 +1,59 @@
+"""Select: the winner takes all, for the left and for the right view of the same volume."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from stereopsis import _core
+
+
+class Winners(NamedTuple):
+    """For each left pixel the winning candidate and the costs around it, (H, W) each.
+
+    Attributes
+    ----------
+    index : ndarray of int32
+        Candidate number, -1 where no candidate is in view. Of equal ones the first.
+    cost, before, after : ndarray
+        Cost of the winner and of its two neighbours; the volume's worst value where there is no neighbour.
+    second : ndarray
+        Least cost apart from these three.
+    """
+
+    index: npt.NDArray[np.int32]
+    cost: npt.NDArray[Any]
+    before: npt.NDArray[Any]
+    after: npt.NDArray[Any]
+    second: npt.NDArray[Any]
+
+
+def left(volume: npt.NDArray[Any], first: int, threads: int = 0) -> Winners:
+    """Winners of the left view: for each ``(x, y)`` the candidate of least cost.
+
+    Parameters
+    ----------
+    volume : ndarray of int64 or float32, (H, W, D)
+    first : int
+        Disparity of candidate 0.
+    threads : int
+    """
+    shape = volume.shape[:2]
+    winners = Winners(np.empty(shape, np.int32), *(np.empty(shape, volume.dtype) for _ in range(4)))
+    _core.select_left(volume, first, *winners, threads)
+    return winners
+
+
+def right(volume: npt.NDArray[Any], first: int, threads: int = 0) -> npt.NDArray[np.int32]:
+    """Candidate numbers of the right view's winners: for each ``(x_right, y)`` the least of the costs at ``x_right + d``.
+
+    Returns
+    -------
+    ndarray of int32, (H, W)
+        -1 where no candidate is in view.
+    """
+    index = np.empty(volume.shape[:2], np.int32)
+    _core.select_right(volume, first, index, threads)
+    return index

@@ -1,0 +1,413 @@
+"""What can be set: costs, checks, filters, presets; as Python, as TOML, as ``NAME=VALUE``."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import json
+import math
+import numbers
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, TypeAlias
+
+from stereopsis.types import Disparities
+
+MAX_WINDOW = 255
+
+Window: TypeAlias = int | tuple[int, int] | str
+"""Full size in pixels: ``31``, ``(width, height)``, or as text ``"31x15"``. An even window reaches one pixel further to the
+left and up than to the right and down."""
+
+
+def _is_int(value: Any) -> bool:
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def window_size(window: Window) -> tuple[int, int]:
+    """Width and height of a support window.
+
+    Raises
+    ------
+    ValueError
+        If a side is not a whole number from 1 to 255.
+    """
+    sides: Any = window
+    if isinstance(window, str):
+        sides = [int(side) if side.strip().isdigit() else side for side in window.lower().split("x")]
+    elif not isinstance(window, tuple | list):
+        sides = [window]
+    sides = [sides[0], sides[0]] if len(sides) == 1 else list(sides)
+    if len(sides) != 2 or not all(_is_int(side) and 1 <= side <= MAX_WINDOW for side in sides):
+        raise ValueError(
+            f"window must be a whole number from 1 to {MAX_WINDOW}, or two as WIDTHxHEIGHT, not {window!r}"
+        )
+    return int(sides[0]), int(sides[1])
+
+
+@dataclass(frozen=True)
+class _WindowCost:
+    window: Window = 21
+
+    def __post_init__(self) -> None:
+        width, height = window_size(self.window)
+        object.__setattr__(self, "window", width if width == height else (width, height))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the support window in pixels."""
+        return window_size(self.window)
+
+
+@dataclass(frozen=True)
+class SAD(_WindowCost):
+    """Sum of absolute differences over the window."""
+
+
+@dataclass(frozen=True)
+class SSD(_WindowCost):
+    """Sum of squared differences over the window."""
+
+
+@dataclass(frozen=True)
+class ZSAD(_WindowCost):
+    """Sum of absolute differences, each window's mean removed: blind to an offset of brightness.
+
+    Its sum has to be taken anew for every candidate, so its time grows with the window's area.
+    """
+
+
+@dataclass(frozen=True)
+class ZSSD(_WindowCost):
+    """Sum of squared differences, each window's mean removed: blind to an offset of brightness."""
+
+
+@dataclass(frozen=True)
+class NCC(_WindowCost):
+    """Normalised cross-correlation, negated: blind to a gain."""
+
+
+@dataclass(frozen=True)
+class ZNCC(_WindowCost):
+    """Zero-mean normalised cross-correlation, negated: blind to gain and offset."""
+
+
+Cost: TypeAlias = SAD | SSD | ZSAD | ZSSD | NCC | ZNCC
+COSTS: Mapping[str, type[Cost]] = MappingProxyType(
+    {"sad": SAD, "ssd": SSD, "zsad": ZSAD, "zssd": ZSSD, "ncc": NCC, "zncc": ZNCC}
+)
+Subpixel: TypeAlias = Literal["parabola", "equiangular"]
+SUBPIXEL = ("parabola", "equiangular")
+FILLS = ("background",)
+KEEP = ("costs", "right_disparity", "texture", "unfiltered")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that decides a result.
+
+    Attributes
+    ----------
+    disparities : Disparities or None
+        Candidates, like Python's ``range``: the maximum is excluded. None: estimated from the images.
+    cost : SAD, SSD, ZSAD, ZSSD, NCC or ZNCC
+        Matching cost and its support window.
+    subpixel : {"parabola", "equiangular"} or None
+        Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and correlations,
+        the equiangular (V) fit for absolute differences.
+    left_right : float or None
+        Largest difference in pixels between the winner and the right view's winner at its match. None: no check.
+    uniqueness : float or None
+        In percent: the winner is ambiguous where another candidate, not next to it, costs at most this much more. Costs
+        are counted from a perfect match, so correlations as ``1 - correlation``. None: no check.
+    texture : float or None
+        Least mean horizontal gradient over the support window, in grey levels a pixel. None: no check.
+    median : int or None
+        Side of the median filter's window in pixels, odd.
+    speckle : tuple of (int, float) or None
+        Regions of fewer pixels than the first, in which neighbours differ by at most the second (pixels of disparity),
+        are removed.
+    fill : {"background"} or None
+        How invalid pixels are answered: from the farther neighbour on the row. None: they stay NaN.
+    threads : int
+        0: all cores. Never changes a result.
+    keep : tuple of str
+        Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered".
+    preset : str or None
+        The preset that these settings started from.
+    """
+
+    disparities: Disparities | None = None
+    cost: Cost = ZNCC()  # noqa: RUF009  (frozen)
+    subpixel: Subpixel | None = "parabola"
+    left_right: float | None = None
+    uniqueness: float | None = None
+    texture: float | None = None
+    median: int | None = None
+    speckle: tuple[int, float] | None = None
+    fill: Literal["background"] | None = None
+    threads: int = 0
+    keep: tuple[str, ...] = ()
+    preset: str | None = None
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
+
+    @classmethod
+    def make(
+        cls,
+        preset: str | None = None,
+        file: str | Path | None = None,
+        assignments: Iterable[str] = (),
+        **changes: Any,
+    ) -> Settings:
+        """Settings from a preset, then a TOML file, then ``NAME=VALUE`` texts, then keywords; the later ones win.
+
+        Parameters
+        ----------
+        preset : str, optional
+            A name in `PRESETS`. None: plain settings, no check and no filter on.
+        file : path, optional
+            A TOML file with any of the settings.
+        assignments : iterable of str, optional
+            Such as ``"cost=zncc"``, ``"window=31x15"``, ``"left_right=none"``.
+        **changes
+            Any field of `Settings`, and `window`.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name, with the nearest known one, or a value that is not allowed.
+        """
+        given: dict[str, Any] = {}
+        if file is not None:
+            given |= _read_toml(Path(file))
+        for assignment in assignments:
+            name, equals, value = assignment.partition("=")
+            if not equals:
+                raise ValueError(f"a setting is given as NAME=VALUE, not {assignment!r}")
+            given[name.strip()] = _from_text(name.strip(), value.strip())
+        given |= changes
+        name = preset if preset is not None else given.get("preset")
+        given.pop("preset", None)
+        return (named(name) if name is not None else cls()).changed(**given)
+
+    def changed(self, **changes: Any) -> Settings:
+        """A copy with other values: any field, and `window`, which is the cost's."""
+        known = _NAMES
+        for name in changes:
+            if name not in known:
+                raise ValueError(f"unknown setting {name!r}{_nearest(name, known)}")
+        window = changes.pop("window", None)
+        if "cost" in changes and isinstance(changes["cost"], str):
+            changes["cost"] = _cost_named(changes["cost"])(window=self.cost.window)
+        if window is not None:
+            cost = changes.get("cost", self.cost)
+            changes["cost"] = dataclasses.replace(cost, window=window) if _is_cost(cost) else cost
+        return dataclasses.replace(self, **changes)
+
+    def to_toml(self) -> str:
+        """Every setting as TOML; `from_toml` gives the same settings back."""
+        lines = []
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.name == "cost":
+                lines.append(f'cost = "{type(value).__name__.lower()}"')
+                lines.append(f"window = {json.dumps(list(value.size))}")
+            elif field.name != "preset" or value is not None:
+                lines.append(f"{field.name} = {json.dumps('none' if value is None else value)}")
+        return "\n".join(lines) + "\n"
+
+    @classmethod
+    def from_toml(cls, text: str) -> Settings:
+        """Settings from TOML text; what it leaves out is as in its preset, or plain without one."""
+        return cls.make(**_parse_toml(text, "the text"))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        return {
+            field.name: (
+                {"name": type(value).__name__.lower(), "window": list(value.size)}
+                if _is_cost(value)
+                else value
+            )
+            for field in dataclasses.fields(self)
+            for value in [getattr(self, field.name)]
+        }
+
+
+_NAMES = (*(field.name for field in dataclasses.fields(Settings)), "window")
+
+
+def named(preset: str) -> Settings:
+    """The settings of a preset; raises ValueError, with the nearest name, where there is none such."""
+    if preset not in PRESETS:
+        raise ValueError(f"unknown preset {preset!r}{_nearest(str(preset), PRESETS)}")
+    return PRESETS[preset]
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
+
+
+def _is_cost(value: Any) -> bool:
+    return isinstance(value, _WindowCost) and type(value) is not _WindowCost
+
+
+def _cost_named(name: str) -> type[Cost]:
+    if name.lower() not in COSTS:
+        raise ValueError(
+            f"cost must be one of {', '.join(COSTS)}, not {name!r}{_nearest(name.lower(), COSTS)}"
+        )
+    return COSTS[name.lower()]
+
+
+def _checked(name: str, value: Any) -> Any:
+    """The value as `Settings` holds it, or an error that names the setting."""
+
+    def refuse(allowed: str) -> ValueError:
+        return ValueError(f"{name} must be {allowed}, not {value!r}")
+
+    match name:
+        case "disparities":
+            return None if value is None else as_disparities(value)
+        case "cost":
+            if isinstance(value, str):
+                return _cost_named(value)()
+            if not _is_cost(value):
+                costs = ", ".join(cost.__name__ for cost in COSTS.values())
+                raise TypeError(f"cost must be one of {costs}, not {value!r}")
+        case "subpixel":
+            if value is not None and value not in SUBPIXEL:
+                raise refuse(f"one of {', '.join(SUBPIXEL)}, or None")
+        case "left_right" | "uniqueness" | "texture":
+            if value is not None and not (_is_number(value) and value >= 0):
+                raise refuse("a number of at least 0, or None")
+            return None if value is None else float(value)
+        case "median":
+            if value is not None and not (_is_int(value) and 1 <= value <= MAX_WINDOW and value % 2):
+                raise refuse(f"an odd number from 1 to {MAX_WINDOW}, or None")
+            return None if value is None else int(value)
+        case "speckle":
+            if value is None:
+                return None
+            area, difference = value if isinstance(value, tuple | list) and len(value) == 2 else (value, 1.0)
+            if not (_is_int(area) and 0 <= area < 2**31 and _is_number(difference) and difference >= 0):
+                raise refuse("(area in pixels, largest difference in pixels of disparity), or None")
+            return int(area), float(difference)
+        case "fill":
+            if value is not None and value not in FILLS:
+                raise refuse(f"one of {', '.join(FILLS)}, or None")
+        case "threads":
+            if not (_is_int(value) and 0 <= value <= 4096):
+                raise refuse("a whole number from 0 (all cores) to 4096")
+            return int(value)
+        case "keep":
+            kept = (value,) if isinstance(value, str) else value
+            if not isinstance(kept, tuple | list):
+                raise refuse(f"some of {', '.join(KEEP)}")
+            for stage in kept:
+                if stage not in KEEP:
+                    raise ValueError(
+                        f"keep knows {', '.join(KEEP)}, not {stage!r}{_nearest(str(stage), KEEP)}"
+                    )
+            return tuple(kept)
+        case "preset":
+            if value is not None and not isinstance(value, str):
+                raise refuse("a name, or None")
+    return value
+
+
+def as_disparities(value: Any) -> Disparities:
+    """A range of candidates from ``(min, max)``; raises TypeError or ValueError for what is none."""
+    if not isinstance(value, tuple | list | range) or (not isinstance(value, range) and len(value) != 2):
+        raise TypeError(f"disparities must be (min, max), two whole numbers, not {value!r}")
+    if isinstance(value, range):
+        if value.step != 1:
+            raise ValueError(f"disparities must step by 1, not {value!r}")
+        value = (value.start, value.stop)
+    if not all(_is_int(end) for end in value):
+        raise TypeError(f"disparities must be two whole numbers, not {value!r}")
+    low, high = int(value[0]), int(value[1])
+    if not -(2**24) <= low < high <= 2**24:
+        raise ValueError(
+            f"disparities must be (min, max) with min < max, within 2^24 of 0, not {(low, high)}"
+        )
+    return Disparities(low, high)
+
+
+def _from_text(name: str, text: str) -> Any:
+    """What a setting's text on the command line stands for."""
+    if name not in _NAMES:
+        raise ValueError(f"unknown setting {name!r}{_nearest(name, _NAMES)}")
+    if text.lower() in ("none", "off") and name != "keep":
+        return None
+
+    def number(part: str) -> int | float:
+        try:
+            return int(part)
+        except ValueError:
+            try:
+                return float(part)
+            except ValueError:
+                raise ValueError(f"{name} must be a number, not {part!r}") from None
+
+    match name:
+        case "cost" | "subpixel" | "fill" | "preset" | "window":
+            return text
+        case "disparities":
+            low, colon, high = text.partition(":")
+            try:
+                return int(low), int(high)
+            except ValueError:
+                raise ValueError(f"disparities must be MIN:MAX, such as 0:128, not {text!r}") from None
+        case "keep":
+            return tuple(part.strip() for part in text.split(",") if part.strip())
+        case "speckle":
+            return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
+        case _:
+            return number(text)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not a TOML file: {error.reason}") from None
+    return _parse_toml(text, str(path))
+
+
+def _parse_toml(text: str, source: str) -> dict[str, Any]:
+    try:
+        values = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ValueError(f"{source} is not TOML: {error}") from None
+    return {
+        name: None if isinstance(value, str) and value.lower() == "none" else value
+        for name, value in values.items()
+    }
+
+
+PRESETS: Mapping[str, Settings] = MappingProxyType(
+    {
+        "fast": Settings(
+            preset="fast",
+            cost=ZNCC(window=15),
+            left_right=1.0,
+            uniqueness=3.0,
+            texture=1.0,
+            median=3,
+            speckle=(100, 1.0),
+        ),
+    }
+)
+DEFAULT_PRESET = "fast"

@@ -1,0 +1,146 @@
+"""What goes in and what comes out: pairs, calibrations, ranges, flags, results."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from stereopsis.settings import Settings
+
+Image = npt.NDArray[Any]
+"""``(H, W)`` or ``(H, W, 3)``; uint8, uint16 or float32."""
+
+DisparityMap = npt.NDArray[np.float32]
+"""``(H, W)`` float32, ``d = x_left - x_right`` in pixels, referenced to the left image, NaN where invalid."""
+
+
+class Flag(enum.IntFlag):
+    """Why a pixel is invalid, or how it was answered; one bit each in a ``uint8`` map.
+
+    Every pixel whose disparity is NaN carries at least one of these bits. A pixel that was filled keeps the
+    bit that says why it had been invalid and gains `FILLED`.
+    """
+
+    OCCLUDED = 1
+    """The left-right check failed, and no pixel of the right view answers on this line: seen by the left camera alone."""
+    MISMATCHED = 2
+    """The left-right check failed, though the right view has an answer that would agree: a wrong match."""
+    AMBIGUOUS = 4
+    """A second candidate, not next to the winner, matches almost as well (uniqueness)."""
+    LOW_TEXTURE = 8
+    """The support window holds too little horizontal texture to be matched."""
+    SKY = 16
+    """Recognised as sky."""
+    OUT_OF_VIEW = 32
+    """No candidate of the range lies inside the right image."""
+    SPECKLE = 64
+    """Part of a blob too small to be believed."""
+    FILLED = 128
+    """Was invalid and has been filled from its neighbours."""
+
+
+class Disparities(NamedTuple):
+    """A half-open range of integer disparities, like Python's ``range``: `max` is excluded."""
+
+    min: int
+    max: int
+
+    @property
+    def count(self) -> int:
+        return self.max - self.min
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rectified pair's geometry.
+
+    Attributes
+    ----------
+    focal : float
+        Focal length in pixels.
+    cx, cy : float
+        Principal point of the left image in pixels.
+    baseline : float
+        Distance between the cameras in metres.
+    doffs : float
+        ``cx_right - cx_left`` in pixels: the disparity of a point at infinity is ``-doffs``, and
+        ``depth = focal * baseline / (disparity + doffs)``.
+    width, height : int or None
+        Image size in pixels, where the file gives it.
+    ndisp : int or None
+        A conservative bound on the number of disparities, where the file gives it.
+    """
+
+    focal: float
+    cx: float
+    cy: float
+    baseline: float
+    doffs: float = 0.0
+    width: int | None = None
+    height: int | None = None
+    ndisp: int | None = None
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A rectified stereo pair.
+
+    Attributes
+    ----------
+    left, right : ndarray
+        ``(H, W)`` or ``(H, W, 3)``, the same shape and dtype: uint8, uint16 or float32.
+    calibration : Calibration or None
+        The pair's geometry, where known.
+    name : str
+        What messages and tables call it.
+    """
+
+    left: Image
+    right: Image
+    calibration: Calibration | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A matched pair.
+
+    Attributes
+    ----------
+    disparity : ndarray of float32, (H, W)
+        ``x_left - x_right`` in pixels, referenced to the left image; NaN where invalid.
+    confidence : ndarray of float32, (H, W)
+        In [0, 1]; 0 where invalid.
+    flags : ndarray of uint8, (H, W)
+        Bits of `Flag`; 0 where the winner stands as it was found.
+    settings : Settings
+        Everything that was used, the estimated range included: enough to repeat the result.
+    path : str
+        ``"streaming"`` or ``"composed"``.
+    seconds : float
+        Wall time of the whole call.
+    timings : mapping of str to float
+        Wall seconds of each stage that ran, in order.
+    stages : mapping of str to ndarray
+        The arrays asked for with ``keep``.
+    """
+
+    disparity: DisparityMap
+    confidence: npt.NDArray[np.float32]
+    flags: npt.NDArray[np.uint8]
+    settings: Settings
+    path: str
+    seconds: float
+    timings: Mapping[str, float] = field(default_factory=dict)
+    stages: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    @property
+    def density(self) -> float:
+        """The fraction of pixels that hold a disparity."""
+        return float(np.mean(np.isfinite(self.disparity))) if self.disparity.size else 0.0

@@ -89,6 +89,16 @@ void match_pair(const Array<const T, 3>& left, const Array<const T, 3>& right, i
 using Pixels = Array<const int32_t, 3>;
 
 template <class T>
+void bind_grey(nb::module_& m) {
+  m.def("grey", [](const Array<const T, 3>& rgb, const Array<T, 3>& out, int threads) {
+    const int H = rgb.shape(0), W = rgb.shape(1);
+    require_shape(rgb, H, W, 3);
+    require_shape(out, H, W, 1);
+    run(threads, [&](const Workers& workers) { grey<T>(rgb.data(), H, W, out.data(), workers); });
+  });
+}
+
+template <class T>
 void bind_select(nb::module_& m) {
   m.def("select_left",
         [](const Array<const T, 3>& volume, int first, const Array<int32_t, 2>& index, const Array<T, 2>& cost,
@@ -136,6 +146,9 @@ NB_MODULE(_core, m) {
 
   m.def("match", &match_pair<uint8_t>);
   m.def("match", &match_pair<int32_t>);
+
+  bind_grey<uint8_t>(m);
+  bind_grey<int32_t>(m);
 
   m.def("terms", [](const Pixels& left, const Pixels& right, int first, int window_width, int window_height, int term,
                     const Array<int64_t, 3>& out, int threads) {

@@ -16,6 +16,10 @@ struct Workers {
   std::function<bool()> interrupted;
 };
 
+// ---- cost: one grey channel of three, (299 R + 587 G + 114 B) / 1000 in 15-bit fixed point, as OpenCV rounds it -------
+template <class T>
+void grey(const T* rgb, int height, int width, T* grey, const Workers& workers);
+
 // ---- cost: what a support window sums, for every pixel of the image widened by the window's reach ------------------
 // `pair` holds int32 pixels. `terms` is (H + window.height - 1, W + window.width - 1, D): products l r, or |l - r|.
 enum class Term : int { product, absolute_difference };

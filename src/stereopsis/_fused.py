@@ -43,8 +43,9 @@ def match(
     threads: int,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Disparity, confidence and flags, (H, W) each, of a pair and a range of which some candidate is in view."""
-    shape = pair.left.shape[:2]
-    out = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    shape: tuple[int, ...] = pair.left.shape[:2]
+    disparity, confidence = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    flags = np.empty(shape, np.uint8)
     left: npt.NDArray[Any] = pair.left
     right: npt.NDArray[Any] = pair.right
     if kind == "zsad" or (left.dtype == np.uint8 and not fits_narrow(window, left.shape[2])):
@@ -54,14 +55,16 @@ def match(
         left,
         right,
         disparities.min,
-        disparities.count,
+        disparities.span,
         KINDS.index(kind),
         *window,
         SUBPIXEL.index(subpixel),
         left_right,
         ratio,
-        *out,
+        disparity,
+        confidence,
+        flags,
         threads,
         os.environ.get(ENVIRONMENT, ""),
     )
-    return out
+    return disparity, confidence, flags

@@ -10,7 +10,6 @@ import functools
 import json
 import os
 import sys
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -158,8 +157,11 @@ def _choices(command: F) -> F:
         threads: int | None,
         **others: Any,
     ) -> Any:
-        from stereopsis.settings import Settings
+        from stereopsis.settings import DEFAULT_PRESET, Settings
 
+        named = {assignment.partition("=")[0].strip() for assignment in assignments}
+        if preset is None and file is None and not named & {"cost", "preset"}:
+            preset = DEFAULT_PRESET
         given = {"disparities": disparities, "threads": threads}
         changes = {name: value for name, value in given.items() if value is not None}
         settings = Settings.make(preset=preset, file=file, assignments=assignments, **changes)
@@ -423,7 +425,7 @@ def _facts(result: Result) -> dict[str, Any]:
     return {
         "width": result.disparity.shape[1],
         "height": result.disparity.shape[0],
-        "settings": tomllib.loads(result.settings.to_toml()),
+        "settings": result.settings.to_dict(),
         "path": result.path,
         "seconds": result.seconds,
         "timings": dict(result.timings),
@@ -437,12 +439,12 @@ def _program() -> dict[str, Any]:
     import platform
     from importlib import metadata
 
-    from stereopsis import _core, settings
+    from stereopsis import _fused, settings
 
     return {
         "stereopsis": metadata.version("stereopsis"),
-        "instruction_set": _core.instruction_set(),
-        "instruction_sets": list(_core.instruction_sets()),
+        "instruction_set": _fused.instruction_set(),
+        "instruction_sets": _fused.instruction_sets(),
         "cores": os.cpu_count() or 1,
         "presets": list(settings.PRESETS),
         "python": platform.python_version(),
@@ -485,32 +487,28 @@ def _text(value: Any) -> str:
             return f"{value:.6g}"
         case list() | tuple():
             return ", ".join(map(_text, value))
-        case dict():
-            return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
         case _:
             return str(value)
 
 
 def _print_result(result: Result) -> None:
     facts = _facts(result)
-    pixels = result.disparity.size
-    rejected = [
-        f"{name.replace('_', ' ')} {count / pixels:.1%}" for name, count in facts["flags"].items() if count
-    ]
+    settings = {name: value for name, value in facts["settings"].items() if value not in (None, ())}
+    low, high = settings.pop("disparities")
+    cost = settings.pop("cost")
+    flags = [f"{name} {count / result.flags.size:.1%}" for name, count in facts["flags"].items() if count]
     stages = [f"{name} {1000 * seconds:.1f}" for name, seconds in facts["timings"].items()]
-    _print_table(
-        [
-            ("size", _size(result.disparity)),
-            *((name.replace("_", " "), _text(value)) for name, value in facts["settings"].items()),
-            ("density", f"{result.density:.1%}"),
-            ("flags", ", ".join(rejected) or "none"),
-            (
-                "time",
-                f"{1000 * result.seconds:.1f} ms, {result.path}"
-                + (f" ({', '.join(stages)})" if stages else ""),
-            ),
-        ]
-    )
+    rows = {
+        "size": _size(result.disparity),
+        "disparities": f"{low}:{high}",
+        "cost": f"{cost['name']}, window {' x '.join(map(str, cost['window']))}",
+        **settings,
+        "path": result.path,
+        "time": f"{1000 * result.seconds:.1f} ms ({', '.join(stages)})",
+        "density": f"{result.density:.1%}",
+        "flags": flags,
+    }
+    _print_facts(rows)
 
 
 def _print_scores(scores: Scores) -> None:

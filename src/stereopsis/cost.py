@@ -36,12 +36,35 @@ class Pixels(NamedTuple):
     step: float
 
 
-def pixels(left: Image, right: Image) -> Pixels:
-    """Integer pixels of a pair of images.
+def pixels(left: Image, right: Image, channels: str = "grey", threads: int = 0) -> Pixels:
+    """Integer pixels of a pair of images, of colour images as one grey channel or as three.
 
     8-bit images stay uint8, 16-bit ones become int32. Float images are scaled by the power of two that lets the larger
     magnitude of the two images just fit `FLOAT_BITS` bits, and rounded.
     """
+    integers = _integers(left, right)
+    if channels == "separate" or left.ndim == 2:
+        return integers
+    return Pixels(grey(integers.left, threads), grey(integers.right, threads), integers.step)
+
+
+def grey(rgb: npt.NDArray[Any], threads: int = 0) -> npt.NDArray[Any]:
+    """``0.299 R + 0.587 G + 0.114 B`` in 15-bit fixed point, to the bytes that OpenCV gives.
+
+    Parameters
+    ----------
+    rgb : ndarray of uint8 or int32, (H, W, 3)
+
+    Returns
+    -------
+    ndarray of the same dtype, (H, W, 1)
+    """
+    out = np.empty((*rgb.shape[:2], 1), rgb.dtype)
+    _core.grey(rgb, out, threads)
+    return out
+
+
+def _integers(left: Image, right: Image) -> Pixels:
     if left.dtype == np.uint8:
         return Pixels(_channels(left, np.uint8), _channels(right, np.uint8), 1.0)
     if left.dtype == np.uint16:
@@ -63,7 +86,7 @@ def _channels(image: npt.NDArray[Any], dtype: Any) -> npt.NDArray[Any]:
 
 def fits_narrow(window: tuple[int, int], channels: int) -> bool:
     """Whether 8-bit sums over the window fit 32 bits: ``255 ** 2 * area * channels < 2 ** 31``."""
-    return window[0] * window[1] * channels <= _core.narrow_limit
+    return bool(window[0] * window[1] * channels <= _core.narrow_limit)
 
 
 def terms(
@@ -87,7 +110,7 @@ def terms(
     ndarray of int64, (H + height - 1, W + width - 1, D)
     """
     rows, columns = pair.left.shape[:2]
-    out = np.empty((rows + window[1] - 1, columns + window[0] - 1, disparities.count), np.int64)
+    out = np.empty((rows + window[1] - 1, columns + window[0] - 1, disparities.span), np.int64)
     left, right = (np.ascontiguousarray(image, np.int32) for image in pair[:2])
     _core.terms(left, right, disparities.min, *window, int(kind == "sad"), out, threads)
     return out
@@ -135,7 +158,7 @@ def zsad(
     Its terms depend on the window that they are summed over, so it does not go through `terms`.
     """
     rows, columns = pair.left.shape[:2]
-    costs = np.empty((rows, columns, disparities.count), np.float32)
+    costs = np.empty((rows, columns, disparities.span), np.float32)
     left, right = (np.ascontiguousarray(image, np.int32) for image in pair[:2])
     _core.score_zsad(left, right, disparities.min, *window, costs, threads)
     return costs

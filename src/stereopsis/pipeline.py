@@ -37,6 +37,7 @@ def match(
     preset: str | None = None,
     disparities: tuple[int, int] | None = UNSET,
     cost: settings.Cost | str = UNSET,
+    channels: str = UNSET,
     subpixel: str | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
@@ -64,7 +65,7 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, subpixel, left_right, uniqueness, texture, median, speckle, fill, threads, keep
+    cost, channels, subpixel, left_right, uniqueness, texture, median, speckle, fill, threads, keep
         As in `Settings`.
 
     Returns
@@ -98,6 +99,7 @@ def match(
         for name, value in (
             ("disparities", disparities),
             ("cost", cost),
+            ("channels", channels),
             ("subpixel", subpixel),
             ("left_right", left_right),
             ("uniqueness", uniqueness),
@@ -125,7 +127,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     assert chosen.disparities is not None
     stages: dict[str, npt.NDArray[Any]] = {}
     with _timed(timings, "read"):
-        pixels = cost.pixels(pair.left, pair.right)
+        pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1])
     composed = bool(COMPOSED_ONLY & set(chosen.keep))
 
@@ -211,7 +213,7 @@ def _compose(
             ambiguous = validate.uniqueness(winners.cost, winners.second, perfect, chosen.uniqueness)
             _refuse(ambiguous & (winners.index >= 0), Flag.AMBIGUOUS, disparity, confidence, flags)
         if chosen.left_right is not None:
-            failed = validate.left_right(winners.index, right, seen.min, seen.count, chosen.left_right)
+            failed = validate.left_right(winners.index, right, seen.min, seen.span, chosen.left_right)
             for flag in (Flag.OCCLUDED, Flag.MISMATCHED):
                 _refuse(failed == flag, flag, disparity, confidence, flags)
 
@@ -227,7 +229,7 @@ def _presented(
 ) -> npt.NDArray[Any]:
     """The volume over the whole range that was asked for, in the image's own units."""
     worst = np.iinfo(volume.dtype).max if volume.dtype.kind == "i" else np.inf
-    whole = np.full((*volume.shape[:2], asked.count), worst, volume.dtype)
+    whole = np.full((*volume.shape[:2], asked.span), worst, volume.dtype)
     whole[..., seen.min - asked.min : seen.max - asked.min] = volume
     if step == 1:
         return whole
@@ -239,9 +241,10 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
     """The range of disparities of a pair, from its images alone.
 
     Both images are shrunk to at most 256 columns by averaging, and matched (ZNCC 9 x 9) over every disparity from minus an
-    eighth to five eighths of the width. What survives a left-right check, a uniqueness check, a texture check and a speckle
-    filter spans the range, from its 0.1 % to its 99.9 % quantile; a margin of two shrunken pixels plus a tenth of the span
-    is added on both sides. Where less than 1 % of the pixels survive, the range is a quarter of the width.
+    eighth to five eighths of the width. What survives a left-right check, a uniqueness check and a speckle filter spans the
+    range, from its 0.1 % to its 99.9 % quantile; a margin of three shrunken pixels plus a tenth of the span is added on both
+    sides. Negative disparities are searched where a twentieth of what survives is negative. Where less than 1 % of the pixels
+    survive, the range is a quarter of the width.
 
     Parameters
     ----------
@@ -272,10 +275,10 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
     if reliable.size < 0.01 * found.disparity.size or not reliable.size:
         return Disparities(0, max(1, width // 4))
     low, high = np.quantile(reliable, [0.001, 0.999])
-    margin = 2 + 0.1 * (high - low)
+    margin = 3 + 0.1 * (high - low)
     lowest = int(np.floor((low - margin) * factor))
-    # A scene in front of parallel cameras has no negative disparity: keep to that where the images do not contradict.
-    if low > -1:
+    # Parallel cameras see no negative disparity: a few wrong matches are no reason to search for one.
+    if np.mean(reliable < -1) < 0.05:
         lowest = max(lowest, 0)
     return Disparities(lowest, max(lowest + 1, int(np.ceil((high + margin) * factor)) + 1))
 
@@ -287,7 +290,8 @@ def _shrunk(image: Image, factor: int) -> Image:
         return np.ascontiguousarray(grey)
     rows, columns = (side // factor for side in grey.shape)
     blocks = grey[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor)
-    return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    means: Image = blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    return means
 
 
 def _settings(given: Settings | None, preset: str | None, changes: dict[str, Any]) -> Settings:

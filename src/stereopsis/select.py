@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,8 @@ import numpy.typing as npt
 from stereopsis import _core
 
 
-class Winners(NamedTuple):
+@dataclass(frozen=True)
+class Winners:
     """For each left pixel the winning candidate and the costs around it, (H, W) each.
 
     Attributes
@@ -42,12 +44,14 @@ def left(volume: npt.NDArray[Any], first: int, threads: int = 0) -> Winners:
     """
     shape = volume.shape[:2]
     winners = Winners(np.empty(shape, np.int32), *(np.empty(shape, volume.dtype) for _ in range(4)))
-    _core.select_left(volume, first, *winners, threads)
+    _core.select_left(
+        volume, first, winners.index, winners.cost, winners.before, winners.after, winners.second, threads
+    )
     return winners
 
 
 def right(volume: npt.NDArray[Any], first: int, threads: int = 0) -> npt.NDArray[np.int32]:
-    """Candidate numbers of the right view's winners: for each ``(x_right, y)`` the least of the costs at ``x_right + d``.
+    """Candidate numbers of the right view's winners: for each ``(x_right, y)`` the least cost at ``x_right + d``.
 
     Returns
     -------

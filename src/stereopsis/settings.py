@@ -106,6 +106,7 @@ COSTS: Mapping[str, type[Cost]] = MappingProxyType(
 Subpixel: TypeAlias = Literal["parabola", "equiangular"]
 SUBPIXEL = ("parabola", "equiangular")
 FILLS = ("background",)
+CHANNELS = ("grey", "separate")
 KEEP = ("costs", "right_disparity", "texture", "unfiltered")
 
 
@@ -119,6 +120,9 @@ class Settings:
         Candidates, like Python's ``range``: the maximum is excluded. None: estimated from the images.
     cost : SAD, SSD, ZSAD, ZSSD, NCC or ZNCC
         Matching cost and its support window.
+    channels : {"grey", "separate"}
+        Colour images are matched on their grey values, or on all three channels: the window's sums run over them, each
+        with its own mean.
     subpixel : {"parabola", "equiangular"} or None
         Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and correlations,
         the equiangular (V) fit for absolute differences.
@@ -146,6 +150,7 @@ class Settings:
 
     disparities: Disparities | None = None
     cost: Cost = ZNCC()  # noqa: RUF009  (frozen)
+    channels: Literal["grey", "separate"] = "grey"
     subpixel: Subpixel | None = "parabola"
     left_right: float | None = None
     uniqueness: float | None = None
@@ -196,9 +201,9 @@ class Settings:
                 raise ValueError(f"a setting is given as NAME=VALUE, not {assignment!r}")
             given[name.strip()] = _from_text(name.strip(), value.strip())
         given |= changes
-        name = preset if preset is not None else given.get("preset")
-        given.pop("preset", None)
-        return (named(name) if name is not None else cls()).changed(**given)
+        in_file = given.pop("preset", None)
+        start = preset if preset is not None else in_file
+        return (named(start) if start is not None else cls()).changed(**given)
 
     def changed(self, **changes: Any) -> Settings:
         """A copy with other values: any field, and `window`, which is the cost's."""
@@ -286,6 +291,9 @@ def _checked(name: str, value: Any) -> Any:
             if not _is_cost(value):
                 costs = ", ".join(cost.__name__ for cost in COSTS.values())
                 raise TypeError(f"cost must be one of {costs}, not {value!r}")
+        case "channels":
+            if value not in CHANNELS:
+                raise refuse(f"one of {', '.join(CHANNELS)}")
         case "subpixel":
             if value is not None and value not in SUBPIXEL:
                 raise refuse(f"one of {', '.join(SUBPIXEL)}, or None")
@@ -362,7 +370,7 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "subpixel" | "fill" | "preset" | "window":
+        case "cost" | "channels" | "subpixel" | "fill" | "preset" | "window":
             return text
         case "disparities":
             low, colon, high = text.partition(":")
@@ -399,14 +407,15 @@ def _parse_toml(text: str, source: str) -> dict[str, Any]:
 
 PRESETS: Mapping[str, Settings] = MappingProxyType(
     {
+        # Wide and flat: on a road, the surface that matters most, disparity changes from row to row.
         "fast": Settings(
             preset="fast",
-            cost=ZNCC(window=15),
+            cost=ZNCC(window=(25, 9)),
             left_right=1.0,
-            uniqueness=3.0,
-            texture=1.0,
+            uniqueness=2.0,
+            texture=0.3,
             median=3,
-            speckle=(100, 1.0),
+            speckle=(200, 1.0),
         ),
     }
 )

@@ -52,7 +52,8 @@ class Disparities(NamedTuple):
     max: int
 
     @property
-    def count(self) -> int:
+    def span(self) -> int:
+        """How many candidates there are."""
         return self.max - self.min
 
 

@@ -63,7 +63,8 @@ def left_right(
         there = columns - first - candidate
         seen = (there >= 0) & (there < index.shape[1])
         answer = np.take_along_axis(right, np.clip(there, 0, index.shape[1] - 1), axis=1)
-        return seen & (np.abs(answer - candidate) <= np.float32(tolerance))
+        close: BoolMap = np.abs(answer - candidate) <= np.float32(tolerance)
+        return seen & close
 
     possible = np.zeros(index.shape, bool)
     for candidate in range(count):

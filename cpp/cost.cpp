@@ -67,13 +67,13 @@ float narrow_scale(CostKind cost, const NarrowStatistics* s, int channels, float
 
 float narrow_cost(CostKind cost, int64_t sum, const NarrowStatistics* l, const NarrowStatistics* r, int channels,
                   float left_scale, float right_scale, float inverse_n) {
-  if (cost == CostKind::ncc) return static_cast<float>(static_cast<int32_t>(-sum)) * right_scale * left_scale;
+  if (cost == CostKind::ncc) return coarse(static_cast<float>(static_cast<int32_t>(-sum)) * right_scale) * left_scale;
   int64_t covariance = -sum;
   for (int c = 0; c < channels; ++c) covariance += static_cast<int64_t>(l[c].mean) * r[c].sum;
   if (cost == CostKind::zncc) {
     float v = static_cast<float>(static_cast<int32_t>(covariance));
     for (int c = 0; c < channels; ++c) v = v + static_cast<float>(l[c].rest) * inverse_n * static_cast<float>(r[c].sum);
-    return v * right_scale * left_scale;
+    return coarse(v * right_scale) * left_scale;
   }
   float excess = 0;
   int64_t whole = 0;

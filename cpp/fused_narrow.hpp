@@ -11,6 +11,7 @@
 #pragma once
 
 #include <cstring>
+#include <limits>
 
 #include "arena.hpp"
 #include "fused.hpp"
@@ -27,6 +28,7 @@ using F = Simd::F;
 using M = Simd::M;
 constexpr int kLanes = Simd::lanes;
 constexpr int kBlock = Simd::block;
+constexpr int kSmallBlock = kBlock / 2;
 constexpr int kChunk = 16;  // pixels whose costs are kept until their winners are taken
 constexpr int kCentre = 128;
 
@@ -116,13 +118,21 @@ static void pad_columns(const int32_t* STEREOPSIS_RESTRICT column, int width, in
   for (int k = before + width; k < length; ++k) padded[k] = padded[before + width - 1];
 }
 
-static void slide_sum(const int32_t* STEREOPSIS_RESTRICT column, int window, int count, int32_t* STEREOPSIS_RESTRICT sums) {
-  int32_t sum = 0;
-  for (int k = 0; k < window; ++k) sum += column[k];
-  sums[0] = sum;
+// Two running sums at once: each waits for its own last addition alone.
+static void slide_sums(const int32_t* STEREOPSIS_RESTRICT a, const int32_t* STEREOPSIS_RESTRICT b, int window, int count,
+                       int32_t* STEREOPSIS_RESTRICT sums_a, int32_t* STEREOPSIS_RESTRICT sums_b) {
+  int32_t sum_a = 0, sum_b = 0;
+  for (int k = 0; k < window; ++k) {
+    sum_a += a[k];
+    sum_b += b[k];
+  }
+  sums_a[0] = sum_a;
+  sums_b[0] = sum_b;
   for (int x = 1; x < count; ++x) {
-    sum += column[x + window - 1] - column[x - 1];
-    sums[x] = sum;
+    sum_a += a[x + window - 1] - a[x - 1];
+    sum_b += b[x + window - 1] - b[x - 1];
+    sums_a[x] = sum_a;
+    sums_b[x] = sum_b;
   }
 }
 
@@ -186,6 +196,9 @@ struct RowChange {
 
 template <CostKind Kind>
 struct Traits {
+  // A correlation's candidates carry their vector's number in their spare bits: one minimum finds cost and place. They lack
+  // the left window's norm, which is put in when the winner is known.
+  static constexpr bool keyed = Kind == CostKind::ncc || Kind == CostKind::zncc;
   static constexpr bool is_float = Kind == CostKind::zssd || Kind == CostKind::ncc || Kind == CostKind::zncc;
   static constexpr bool squares = Kind != CostKind::sad;
   static constexpr bool normalised = Kind == CostKind::ncc || Kind == CostKind::zncc;
@@ -202,7 +215,8 @@ template <>
 struct ValueOf<true> {
   using Scalar = float;
   using Vector = F;
-  static constexpr float worst = 3.0e38f;
+  // Infinity times a norm of 0 is not a number, and less than nothing: out of view stays out.
+  static constexpr float worst = std::numeric_limits<float>::infinity();
 };
 
 template <CostKind Kind, int C>
@@ -225,7 +239,7 @@ class Narrow {
     sums_ = arena_.template take<int32_t>(static_cast<size_t>(p_.width) * padded_);
     slide_ = arena_.template take<int32_t>(padded_);
     costs_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * stride());
-    best_ = arena_.template take<Scalar>(kChunk * kLanes);
+    best_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * padded_);
     best_index_ = arena_.template take<int32_t>(kChunk * kLanes);
     index_ = arena_.template take<int32_t>(padded_);
     for (int c = 0; c < C; ++c) {
@@ -249,6 +263,7 @@ class Narrow {
     right_offset_ = arena_.template take<int32_t>(stats_);
     norm_ = arena_.template take<float>(p_.width);
     edge_ = arena_.template take<int32_t>(columns_);
+    edge_square_ = arena_.template take<int32_t>(columns_);
     sum_ = arena_.template take<int32_t>(p_.width);
     square_ = arena_.template take<int32_t>(p_.width);
     mean_ = arena_.template take<int32_t>(p_.width);
@@ -259,8 +274,8 @@ class Narrow {
     mirrored_new_ = arena_.template take<uint8_t>(quads_ + w);
     mirrored_old_ = arena_.template take<uint8_t>(quads_ + w);
     plane_ = arena_.template take<uint8_t>(4 * static_cast<size_t>(p_.width));
-    right_best_ = arena_.template take<Scalar>(stats_);
-    right_index_ = arena_.template take<int32_t>(stats_);
+    right_best_ = arena_.template take<Scalar>(stats_ + kLanes);
+    right_index_ = arena_.template take<int32_t>(stats_ + kLanes);
     winner_ = arena_.template take<int32_t>(p_.width);
     cost_ = arena_.template take<Scalar>(p_.width);
     before_ = arena_.template take<Scalar>(p_.width);
@@ -273,6 +288,7 @@ class Narrow {
   void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
     std::memset(arena_.base, 0, arena_.used);
     for (int i = 0; i < padded_; ++i) index_[i] = i;
+    for (size_t i = 0; i < kChunk * stride(); ++i) costs_[i] = ValueOf<T::is_float>::worst;
     // The sums of the row before the first one: its window's rows, two a pass.
     const int top = begin - 1 - s_.window.above();
     for (int y = top; y < top + s_.window.height; y += 2) {
@@ -344,22 +360,39 @@ class Narrow {
 
   // ---- the sliding sums -------------------------------------------------------------------------------------------
 
-  // What column k brings to, and takes from, the change of one vector of candidates.
+  // What one column brings to, and takes from, the change of the sums.
   struct Column {
+    const int32_t *quad[C], *weight_a[C], *weight_b[C];
     I a[C], b[C], even;
-    const int32_t* quad[C];
-    bool extra;
+
+    STEREOPSIS_INLINE void load() {
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        a[c] = Simd::set(*weight_a[c]);
+        b[c] = Simd::set(*weight_b[c]);
+      });
+    }
+    // Whether `advance` leaves something to `b`.
+    STEREOPSIS_INLINE bool extra() const {
+      int any = 0;
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { any |= *weight_b[c]; });
+      return any != 0;
+    }
+    STEREOPSIS_INLINE void step() {
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        --quad[c];
+        ++weight_a[c];
+        ++weight_b[c];
+      });
+    }
   };
 
   STEREOPSIS_INLINE Column column(int k, int at = 0) const {
     Column col;
-    col.extra = false;
     col.even = Simd::set(sad_even_);
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-      col.a[c] = Simd::set(weight_a_[c][k]);
-      col.b[c] = Simd::set(weight_b_[c][k]);
-      col.quad[c] = pinned(quad_[c] + (columns_ - 1 - k) + at);
-      if (T::squares && Simd::has_dot8) col.extra = col.extra || weight_b_[c][k] != 0;
+      col.quad[c] = quad_[c] + (columns_ - 1 - k) + at;
+      col.weight_a[c] = weight_a_[c] + k;
+      col.weight_b[c] = weight_b_[c] + k;
     });
     return col;
   }
@@ -391,7 +424,7 @@ class Narrow {
   // The part of a column's weights that did not fit `advance`; see `weigh`.
   STEREOPSIS_INLINE void advance_extra([[maybe_unused]] const Column& col) {
 #if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
-    if (T::squares && col.extra)
+    if (T::squares && col.extra())
       for (int at = 0; at < padded_; at += kLanes) {
         I h = Simd::load(slide_ + at);
         for (int c = 0; c < C; ++c) h = Simd::dot8(h, Simd::load(col.quad[c] + at), col.b[c]);
@@ -400,7 +433,8 @@ class Narrow {
 #endif
   }
 
-  STEREOPSIS_INLINE void advance_slide(const Column& col) {
+  STEREOPSIS_INLINE void advance_slide(Column col) {
+    col.load();
     advance_extra(col);
     for (int at = 0; at < padded_; at += kLanes) Simd::store(slide_ + at, advance(Simd::load(slide_ + at), col, at));
   }
@@ -441,9 +475,8 @@ class Narrow {
   void sum_windows(const int32_t* column, const int32_t* square, bool reversed) {
     const int W = p_.width, w = s_.window.width, before = reversed ? s_.window.right() : s_.window.left();
     pad_columns(column, W, before, columns_, reversed, edge_);
-    slide_sum(edge_, w, W, sum_);
-    pad_columns(square, W, before, columns_, reversed, edge_);
-    slide_sum(edge_, w, W, square_);
+    pad_columns(square, W, before, columns_, reversed, edge_square_);
+    slide_sums(edge_, edge_square_, w, W, sum_, square_);
     if (T::centred) moments(sum_, square_, W, n_, inverse_n_, mean_, rest_, about_);
   }
 
@@ -478,32 +511,42 @@ class Narrow {
   struct Views {
     const int32_t *split[C], *mean[C], *offset, *index;
     const float *sum[C], *scale;
-    int32_t *sums, *right_index;
-    Scalar *costs, *right_best;
+    int32_t* sums;
+    Scalar* costs;
+
+    STEREOPSIS_INLINE void step(int padded, size_t pitch) {
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        --split[c];
+        --mean[c];
+        --sum[c];
+      });
+      --offset;
+      --scale;
+      sums += padded;
+      costs += pitch;
+    }
   };
 
   STEREOPSIS_INLINE Views views_at(int x, int slot, int at) const {
     const int mirrored = p_.width - 1 - x + at;
     Views v;
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-      v.split[c] = T::centred ? pinned(right_split_[c] + mirrored) : nullptr;
+      v.split[c] = right_split_[c] + mirrored;
       v.mean[c] = right_mean_[c] + mirrored;
-      v.sum[c] = T::centred ? pinned(right_sum_[c] + mirrored) : nullptr;
+      v.sum[c] = right_sum_[c] + mirrored;
     });
     v.offset = right_offset_ + mirrored;
-    v.scale = T::normalised ? pinned(right_scale_ + mirrored) : nullptr;
+    v.scale = right_scale_ + mirrored;
     v.index = index_ + at;
-    v.sums = pinned(sums_ + static_cast<size_t>(x) * padded_ + at);
-    v.costs = pinned(costs_ + slot * stride() + kLanes + at);
-    v.right_best = right_best_ + mirrored;
-    v.right_index = right_index_ + mirrored;
+    v.sums = sums_ + static_cast<size_t>(x) * padded_ + at;
+    v.costs = costs_of(slot) + at;
     return v;
   }
 
   // What the left window at x says to every candidate.
   struct Left {
     I mean[C], rest[C], offset;
-    F slope[C], scale, inverse_n;
+    F slope[C], inverse_n;
   };
 
   STEREOPSIS_INLINE Left left_at(int x) const {
@@ -515,7 +558,6 @@ class Narrow {
     });
     if (Kind == CostKind::zssd) l.inverse_n = Simd::set(inverse_n_);
     if (Kind == CostKind::ssd || Kind == CostKind::zssd) l.offset = Simd::set(left_offset_[x]);
-    if (T::normalised) l.scale = Simd::set(left_scale_[x]);
     return l;
   }
 
@@ -527,7 +569,7 @@ class Narrow {
       return Simd::add(Simd::add(Simd::add(sums, sums), Simd::load(v.offset + at)), l.offset);
     } else if constexpr (Kind == CostKind::ncc) {
       const F product = Simd::to_float(Simd::sub(sums, Simd::load(v.offset + at)));
-      return Simd::mul(Simd::mul(product, Simd::load(v.scale + at)), l.scale);
+      return Simd::mul(product, Simd::load(v.scale + at));
     } else if constexpr (Kind == CostKind::zncc) {
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
         sums = Simd::dot16(sums, Simd::load(v.split[c] + at), l.mean[c]);
@@ -536,7 +578,7 @@ class Narrow {
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
         covariance = Simd::add(covariance, Simd::mul(l.slope[c], Simd::load(v.sum[c] + at)));
       });
-      return Simd::mul(Simd::mul(covariance, Simd::load(v.scale + at)), l.scale);
+      return Simd::mul(covariance, Simd::load(v.scale + at));
     } else {
       F excess;
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
@@ -559,6 +601,9 @@ class Narrow {
   int first_seen(int x) const { return most(0, x - p_.first - (p_.width - 1)); }
   int end_seen(int x) const { return least(p_.count, x - p_.first + 1); }
 
+  // The vectors of candidates are taken in blocks: as many as fit the registers, then fewer.
+  static int block_size(int rest) { return rest >= kBlock ? kBlock : rest >= kSmallBlock ? kSmallBlock : 1; }
+
   template <bool Right>
   void match_row() {
     if (Right)
@@ -569,21 +614,21 @@ class Narrow {
     prime_slide();
     for (int x = 0; x < p_.width; x += kChunk) {
       const int end = least(x + kChunk, p_.width);
-      for (int v = 0; v < vectors_;) {
-        const int rest = vectors_ - v;
-        if (rest >= kBlock) {
+      for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
+        const int size = block_size(vectors_ - v);
+        if (size == kBlock)
           match_block<Right, kBlock>(x, end, v);
-          v += kBlock;
-        } else if (kBlock >= 8 && rest >= 4) {
-          match_block<Right, 4>(x, end, v);
-          v += 4;
-        } else {
+        else if (size == kSmallBlock)
+          match_block<Right, kSmallBlock>(x, end, v);
+        else
           match_block<Right, 1>(x, end, v);
-          v += 1;
-        }
       }
       take_winners(x, end);
+      if (Right) take_right_winners(x, end);
+      if (s_.uniqueness) take_second(x, end);
     }
+    if (Right)
+      for (int j = 0; j < stats_; ++j) right_index_[j] += j - (p_.width - 1);  // from columns to candidates
   }
 
   Sight sight(int x, int at, int past) const {
@@ -615,13 +660,20 @@ class Narrow {
   }
 
   template <bool Right, int N, Sight See>
-  STEREOPSIS_NOINLINE void match_run(int begin, int end, int slot, int at) {
+  STEREOPSIS_NOINLINE void match_run(const int begin, const int end, const int slot, const int at) {
+    const int padded = padded_;
+    const size_t pitch = stride();
+    const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
     I h[N];
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
-    for (int x = begin; x < end; ++x, ++slot) {
-      const Column col = column(x + s_.window.width - 1, at);
+    Column col = column(begin + s_.window.width - 1, at);
+    Views views = views_at(begin, slot, at);
+    Scalar* best = best_ + static_cast<size_t>(slot) * padded + (T::keyed ? at : 0);
+    int32_t* best_index = best_index_ + slot * kLanes;
+    for (int x = begin; x < end; ++x) {
+      col.load();
 #if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
-      if (T::squares && col.extra)
+      if (T::squares && col.extra())
         unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
           unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
             h[v] = Simd::dot8(h[v], Simd::load(col.quad[c] + v * kLanes), col.b[c]);
@@ -629,76 +681,152 @@ class Narrow {
         });
 #endif
       [[maybe_unused]] const Left left = left_at(x);
-      const Views views = views_at(x, slot, at);
       [[maybe_unused]] const int lo = first_seen(x), hi = end_seen(x);
-      Scalar* best = best_ + slot * kLanes;
-      int32_t* best_index = best_index_ + slot * kLanes;
-      Vector b = at == 0 ? Simd::set(ValueOf<T::is_float>::worst) : Simd::load(best);
-      I bi = at == 0 ? Simd::set(-1) : Simd::load(best_index);
+      const bool fresh = T::keyed || at == 0;
+      Vector b = fresh ? Simd::set(ValueOf<T::is_float>::worst) : Simd::load(best);
+      I bi = fresh ? Simd::set(-1) : Simd::load(best_index);
       unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
         constexpr int j = v.value * kLanes;
         h[v] = advance(h[v], col, j);
         const I s = Simd::add(Simd::load(views.sums + j), h[v]);
         Simd::store(views.sums + j, s);
+        Vector value = Simd::set(ValueOf<T::is_float>::worst);
         if constexpr (See != Sight::none) {
-          const Vector value = cost(s, left, views, j);
-          const I index = Simd::load(views.index + j);
-          Simd::store(views.costs + j, value);
-          M better = Simd::less(value, b);
-          if constexpr (See == Sight::some) better = Simd::both(better, Simd::inside(index, lo, hi));
-          b = Simd::select(better, value, b);
-          bi = Simd::select(better, index, bi);
-          if constexpr (Right) {
-            M beats = Simd::less(value, Simd::load(views.right_best + j));
-            if constexpr (See == Sight::some) beats = Simd::both(beats, Simd::inside(index, lo, hi));
-            Simd::store(views.right_best + j, beats, value);
-            Simd::store(views.right_index + j, beats, index);
+          if (See == Sight::all || (at + j < hi && at + j + kLanes > lo)) {
+            value = cost(s, left, views, j);
+            if constexpr (T::keyed) {
+              // Of equal negative numbers, those with more bits set are less: so the first vector gets most.
+              value = Simd::mark(value, keep, Simd::set(7 - v.value));
+              if constexpr (See == Sight::some)
+                value = Simd::select(Simd::inside(Simd::load(views.index + j), lo, hi), value,
+                                     Simd::set(ValueOf<T::is_float>::worst));
+              b = Simd::min(value, b);
+            } else {
+              const I index = Simd::load(views.index + j);
+              if constexpr (See == Sight::some)
+                value = Simd::select(Simd::inside(index, lo, hi), value, Simd::set(ValueOf<T::is_float>::worst));
+              const M better = Simd::less(value, b);
+              b = Simd::select(better, value, b);
+              bi = Simd::select(better, index, bi);
+            }
           }
         }
+        if constexpr (See != Sight::none || Right) Simd::store(views.costs + j, value);
       });
       Simd::store(best, b);
-      Simd::store(best_index, bi);
+      if (!T::keyed) Simd::store(best_index, bi);
+      col.step();
+      views.step(padded, pitch);
+      best += padded;
+      best_index += kLanes;
     }
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
   }
 
+  // A stored candidate's cost, for a left window of the given norm's inverse.
+  static STEREOPSIS_INLINE Scalar plain(Scalar stored, [[maybe_unused]] float scale) {
+    if constexpr (T::keyed)
+      return coarse(stored) * scale;
+    else
+      return stored;
+  }
+
   void take_winners(int begin, int end) {
+    if constexpr (T::keyed)
+      take_keyed_winners(begin, end);
+    else
+      for (int x = begin; x < end; ++x) winner_[x] = indexed_winner(x - begin);
     for (int x = begin; x < end; ++x) {
-      const int slot = x - begin;
-      const Vector b = Simd::load(best_ + slot * kLanes);
-      const I bi = Simd::load(best_index_ + slot * kLanes);
-      const Scalar least_cost = Simd::reduce_min(b);
-      const I at_least = Simd::select(Simd::equal(b, splat(least_cost)), bi, Simd::set(INT32_MAX));
-      const int i = Simd::reduce_min(at_least);
-      const Scalar* costs = costs_ + slot * stride() + kLanes;
-      winner_[x] = i;
-      cost_[x] = least_cost;
-      before_[x] = costs[i - 1];
-      after_[x] = costs[i + 1];
-      if (s_.uniqueness) second_[x] = second_best(costs, i, first_seen(x), end_seen(x));
+      const Scalar* costs = costs_of(x - begin) + winner_[x];
+      cost_[x] = costs[0];
+      before_[x] = costs[-1];
+      after_[x] = costs[1];
     }
+    if constexpr (T::keyed)
+      for (int x = begin; x < end; ++x) {
+        cost_[x] = plain(cost_[x], left_scale_[x]);
+        before_[x] = plain(before_[x], left_scale_[x]);
+        after_[x] = plain(after_[x], left_scale_[x]);
+      }
+  }
+
+  Scalar* costs_of(int slot) const { return costs_ + slot * stride() + kLanes; }
+
+  template <class Unused = void>
+  int indexed_winner(int slot) const {
+    const Vector b = Simd::load(best_ + static_cast<size_t>(slot) * padded_);
+    const I bi = Simd::load(best_index_ + slot * kLanes);
+    const I at_least = Simd::select(Simd::equal(b, splat(Simd::reduce_min(b))), bi, Simd::set(INT32_MAX));
+    return Simd::reduce_min(at_least);
+  }
+
+  template <class Unused = void>
+  void take_keyed_winners(int begin, int end) {
+    Scalar least[kChunk];
+    for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
+      Scalar keys[kChunk];
+      Simd::row_minima(best_ + v * kLanes, padded_, keys);
+      for (int slot = 0; slot < end - begin; ++slot) {
+        if (v > 0 && !(coarse(keys[slot]) < coarse(least[slot]))) continue;
+        uint32_t bits;
+        std::memcpy(&bits, keys + slot, sizeof bits);
+        least[slot] = keys[slot];
+        winner_[begin + slot] = (v + 7 - static_cast<int>(bits & kSpareBits)) * kLanes +
+                                Simd::first_equal(Simd::load(best_ + slot * padded_ + v * kLanes), keys[slot]);
+      }
+    }
+    // Where nothing correlates, which is rare, the spare bits put equal candidates in the wrong order.
+    for (int slot = 0; slot < end - begin; ++slot)
+      if (!(least[slot] < 0)) winner_[begin + slot] = first_least(begin + slot, costs_of(slot));
+  }
+
+  template <class Unused = void>
+  STEREOPSIS_NOINLINE int first_least(int x, const Scalar* costs) const {
+    const int lo = first_seen(x), hi = end_seen(x);
+    if (left_scale_[x] == 0) return lo;  // a left window without texture: all are equal
+    int winner = lo;
+    for (int i = lo + 1; i < hi; ++i)
+      if (coarse(costs[i]) < coarse(costs[winner])) winner = i;
+    return winner;
   }
 
   static STEREOPSIS_INLINE Vector splat(Scalar v) { return Simd::set(v); }
 
-  // The least cost of the candidates that are not next to the winner.
-  static STEREOPSIS_INLINE Scalar second_best(const Scalar* costs, int winner, int lo, int hi) {
-    Vector m = splat(ValueOf<T::is_float>::worst);
-    const Vector worst = m;
-    I index = Simd::load(lane_index());
-    index = Simd::add(index, Simd::set(lo / kLanes * kLanes));
-    for (int at = lo / kLanes * kLanes; at < hi; at += kLanes) {
-      Vector v = Simd::select(Simd::inside(index, lo, hi), Simd::load(costs + at), worst);
-      v = Simd::select(Simd::inside(index, winner - 1, winner + 2), worst, v);
-      m = Simd::min(m, v);
-      index = Simd::add(index, Simd::set(kLanes));
+  // The right view's winners so far, with the costs of pixels [begin, end): right pixel by right pixel, that is by mirrored
+  // column, where candidate i of pixel x stands at width - 1 - x + i. Costs out of view are the worst.
+  void take_right_winners(int begin, int end) {
+    const int from = (p_.width - end) / kLanes * kLanes, to = p_.width - 1 - begin + padded_;
+    const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
+    for (int j = from; j < to; j += kLanes) {
+      Vector b = Simd::load(right_best_ + j);
+      I column = Simd::load(right_index_ + j);
+      for (int x = begin; x < end; ++x) {
+        const int i = j - (p_.width - 1 - x);
+        if (i <= -kLanes || i >= padded_) continue;
+        Vector value = Simd::load(costs_of(x - begin) + i);
+        if constexpr (T::keyed) value = Simd::mul(Simd::mask(value, keep), Simd::set(left_scale_[x]));
+        const M better = Simd::less(value, b);
+        b = Simd::select(better, value, b);
+        column = Simd::select(better, Simd::set(x), column);
+      }
+      Simd::store(right_best_ + j, b);
+      Simd::store(right_index_ + j, column);
     }
-    return Simd::reduce_min(m);
   }
 
-  static const int32_t* lane_index() {
-    static const int32_t values[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    return values;
+  // The least cost of the candidates that are not next to the winner. Strikes out the stored costs of those that are.
+  void take_second(int begin, int end) {
+    for (int x = begin; x < end; ++x) {
+      Scalar* costs = costs_of(x - begin) + winner_[x];
+      costs[-1] = costs[0] = costs[1] = ValueOf<T::is_float>::worst;
+    }
+    for (int x = begin; x < end; ++x) {
+      const Scalar* costs = costs_of(x - begin);
+      Vector m = splat(ValueOf<T::is_float>::worst);
+      for (int i = first_seen(x) / kLanes * kLanes; i < end_seen(x); i += kLanes) m = Simd::min(Simd::load(costs + i), m);
+      const Scalar second = Simd::reduce_min(m);
+      second_[x] = second < ValueOf<T::is_float>::worst ? plain(second, T::keyed ? left_scale_[x] : 1.0f) : second;
+    }
   }
 
   void finish_row(const FusedOutput& out, int y) {
@@ -720,7 +848,7 @@ class Narrow {
   int32_t *left_mean_[C], *left_rest_[C], *right_split_[C], *right_mean_[C];
   float *left_slope_[C], *right_sum_[C];
   float *left_scale_, *right_scale_, *norm_;
-  int32_t *left_offset_, *right_offset_, *edge_, *sum_, *square_, *mean_, *rest_, *about_;
+  int32_t *left_offset_, *right_offset_, *edge_, *edge_square_, *sum_, *square_, *mean_, *rest_, *about_;
   uint8_t *padded_new_, *padded_old_, *mirrored_new_, *mirrored_old_, *plane_;
   int32_t *right_index_, *winner_;
   Scalar *cost_, *before_, *after_, *second_;

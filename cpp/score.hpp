@@ -4,6 +4,8 @@
 
 #include <cmath>
 #include <cstdint>
+#include <cstring>
+#include <limits>
 #include <type_traits>
 
 #include "fused.hpp"
@@ -26,6 +28,18 @@ inline float deviation(int32_t squares_about_q, int32_t rest, float inverse_n) {
 inline float inverse_root(float v) {
   const float inverse = 1.0f / std::sqrt(v > 0 ? v : 1.0f);
   return v > 0 ? inverse : 0.0f;
+}
+
+// A correlation before the left window's norm is put in, kept to 21 significant bits. Then its product with any such norm
+// keeps the order and the ties of candidates, so that the winner is known without that product; and the three bits that
+// are left say, in the streaming kernel, where the candidate stands.
+constexpr uint32_t kSpareBits = 7;
+inline float coarse(float v) {
+  uint32_t bits;
+  std::memcpy(&bits, &v, sizeof bits);
+  bits &= ~kSpareBits;
+  std::memcpy(&v, &bits, sizeof bits);
+  return v;
 }
 
 // How a cost says "perfect": correlations run from -1, differences from 0.
@@ -101,7 +115,9 @@ template <CostKind Kind>
 struct WideCost {
   static constexpr bool whole = Kind == CostKind::sad || Kind == CostKind::ssd;
   using Scalar = typename std::conditional<whole, int64_t, float>::type;
-  static constexpr Scalar worst = whole ? static_cast<Scalar>(INT64_MAX) : static_cast<Scalar>(3.0e38f);
+  static constexpr Scalar worst = std::numeric_limits<Scalar>::is_integer
+                                      ? std::numeric_limits<Scalar>::max()
+                                      : std::numeric_limits<Scalar>::infinity();
 
   // From the window's sum of products (absolute differences for SAD) and both windows' statistics.
   static Scalar of(int64_t sum, const WindowStatistics* left, const WindowStatistics* right, int64_t stride, int channels,

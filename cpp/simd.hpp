@@ -49,15 +49,6 @@ static STEREOPSIS_INLINE void unrolled(const Body& body) {
   }
 }
 
-// Keeps an address in one register: GCC else recomputes it from its parts at each use, and runs out of registers.
-template <class T>
-static STEREOPSIS_INLINE T* pinned(T* pointer) {
-#if defined(__GNUC__)
-  __asm__("" : "+r"(pointer));
-#endif
-  return pointer;
-}
-
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
 
 struct Simd {
@@ -81,6 +72,17 @@ struct Simd {
   static STEREOPSIS_INLINE F sub(F a, F b) { return _mm512_sub_ps(a, b); }
   static STEREOPSIS_INLINE F mul(F a, F b) { return _mm512_mul_ps(a, b); }
   static STEREOPSIS_INLINE F to_float(I a) { return _mm512_cvtepi32_ps(a); }
+  // a's bits where `keep` has them, and `put` besides
+  static STEREOPSIS_INLINE F mark(F a, I keep, I put) {
+    return _mm512_castsi512_ps(_mm512_ternarylogic_epi32(_mm512_castps_si512(a), keep, put, 0xEA));
+  }
+  static STEREOPSIS_INLINE F mask(F a, I keep) {
+    return _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(a), keep));
+  }
+  // The first lane that equals v; there is one.
+  static STEREOPSIS_INLINE int first_equal(F a, float v) {
+    return __builtin_ctz(_mm512_cmp_ps_mask(a, set(v), _CMP_EQ_OQ));
+  }
   static STEREOPSIS_INLINE M less(F a, F b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
   static STEREOPSIS_INLINE M less(I a, I b) { return _mm512_cmplt_epi32_mask(a, b); }
   static STEREOPSIS_INLINE M inside(I i, int lo, int hi) {
@@ -91,6 +93,19 @@ struct Simd {
   static STEREOPSIS_INLINE I select(M m, I yes, I no) { return _mm512_mask_mov_epi32(no, m, yes); }
   static STEREOPSIS_INLINE F min(F a, F b) { return _mm512_min_ps(a, b); }
   static STEREOPSIS_INLINE I min(I a, I b) { return _mm512_min_epi32(a, b); }
+  // The minima of 16 vectors that lie `pitch` apart: pairs are folded into one vector, halving what is left each time.
+  static STEREOPSIS_INLINE void row_minima(const float* rows, size_t pitch, float* minima) {
+    F a[16];
+    for (int r = 0; r < 16; ++r) a[r] = load(rows + r * pitch);
+    for (int r = 0; r < 8; ++r) a[r] = min(_mm512_unpacklo_ps(a[r], a[r + 8]), _mm512_unpackhi_ps(a[r], a[r + 8]));
+    for (int r = 0; r < 4; ++r) a[r] = min(_mm512_unpacklo_ps(a[r], a[r + 4]), _mm512_unpackhi_ps(a[r], a[r + 4]));
+    // Each 128-bit part now holds four rows: r, r + 8, r + 4, r + 12 are lanes 0, 2, 1, 3 of it.
+    for (int r = 0; r < 2; ++r)
+      a[r] = min(_mm512_shuffle_f32x4(a[r], a[r + 2], 0x88), _mm512_shuffle_f32x4(a[r], a[r + 2], 0xDD));
+    a[0] = min(_mm512_shuffle_f32x4(a[0], a[1], 0x88), _mm512_shuffle_f32x4(a[0], a[1], 0xDD));
+    const I order = _mm512_setr_epi32(0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15);
+    store(minima, _mm512_permutexvar_ps(order, a[0]));
+  }
   static STEREOPSIS_INLINE float reduce_min(F a) { return _mm512_reduce_min_ps(a); }
   static STEREOPSIS_INLINE int32_t reduce_min(I a) { return _mm512_reduce_min_epi32(a); }
   static STEREOPSIS_INLINE M equal(F a, F b) { return _mm512_cmp_ps_mask(a, b, _CMP_EQ_OQ); }
@@ -150,6 +165,13 @@ struct Simd {
   static STEREOPSIS_INLINE F sub(F a, F b) { return _mm256_sub_ps(a, b); }
   static STEREOPSIS_INLINE F mul(F a, F b) { return _mm256_mul_ps(a, b); }
   static STEREOPSIS_INLINE F to_float(I a) { return _mm256_cvtepi32_ps(a); }
+  static STEREOPSIS_INLINE F mark(F a, I keep, I put) {
+    return _mm256_or_ps(_mm256_and_ps(a, _mm256_castsi256_ps(keep)), _mm256_castsi256_ps(put));
+  }
+  static STEREOPSIS_INLINE F mask(F a, I keep) { return _mm256_and_ps(a, _mm256_castsi256_ps(keep)); }
+  static STEREOPSIS_INLINE int first_equal(F a, float v) {
+    return __builtin_ctz(_mm256_movemask_ps(_mm256_cmp_ps(a, set(v), _CMP_EQ_OQ)));
+  }
   static STEREOPSIS_INLINE M less(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_LT_OQ))}; }
   static STEREOPSIS_INLINE M less(I a, I b) { return {_mm256_cmpgt_epi32(b, a)}; }
   static STEREOPSIS_INLINE M inside(I i, int lo, int hi) {
@@ -160,6 +182,9 @@ struct Simd {
   static STEREOPSIS_INLINE I select(M m, I yes, I no) { return _mm256_blendv_epi8(no, yes, m.v); }
   static STEREOPSIS_INLINE F min(F a, F b) { return _mm256_min_ps(a, b); }
   static STEREOPSIS_INLINE I min(I a, I b) { return _mm256_min_epi32(a, b); }
+  static STEREOPSIS_INLINE void row_minima(const float* rows, size_t pitch, float* minima) {
+    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(load(rows + r * pitch));
+  }
   static STEREOPSIS_INLINE float reduce_min(F a) {
     __m128 m = _mm_min_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
     m = _mm_min_ps(m, _mm_movehl_ps(m, m));
@@ -228,6 +253,22 @@ struct Simd {
   static STEREOPSIS_INLINE F sub(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] - b.v[i]); }
   static STEREOPSIS_INLINE F mul(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] * b.v[i]); }
   static STEREOPSIS_INLINE F to_float(const I& a) { STEREOPSIS_EACH(F, static_cast<float>(a.v[i])); }
+  static STEREOPSIS_INLINE float with_bits(float a, int32_t keep, int32_t put) {
+    int32_t bits;
+    std::memcpy(&bits, &a, sizeof bits);
+    bits = (bits & keep) | put;
+    std::memcpy(&a, &bits, sizeof bits);
+    return a;
+  }
+  static STEREOPSIS_INLINE F mark(const F& a, const I& keep, const I& put) {
+    STEREOPSIS_EACH(F, with_bits(a.v[i], keep.v[i], put.v[i]));
+  }
+  static STEREOPSIS_INLINE F mask(const F& a, const I& keep) { STEREOPSIS_EACH(F, with_bits(a.v[i], keep.v[i], 0)); }
+  static STEREOPSIS_INLINE int first_equal(const F& a, float v) {
+    int i = 0;
+    while (i + 1 < lanes && a.v[i] != v) ++i;
+    return i;
+  }
   static STEREOPSIS_INLINE M less(const F& a, const F& b) { STEREOPSIS_EACH(M, -(a.v[i] < b.v[i])); }
   static STEREOPSIS_INLINE M less(const I& a, const I& b) { STEREOPSIS_EACH(M, -(a.v[i] < b.v[i])); }
   static STEREOPSIS_INLINE M inside(const I& a, int lo, int hi) {
@@ -247,6 +288,9 @@ struct Simd {
     auto m = a.v[0];
     for (int i = 1; i < lanes; ++i) m = a.v[i] < m ? a.v[i] : m;
     return m;
+  }
+  static STEREOPSIS_INLINE void row_minima(const float* rows, size_t pitch, float* minima) {
+    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(load(rows + r * pitch));
   }
   static STEREOPSIS_INLINE M equal(const F& a, const F& b) { STEREOPSIS_EACH(M, -(a.v[i] == b.v[i])); }
   static STEREOPSIS_INLINE M equal(const I& a, const I& b) { STEREOPSIS_EACH(M, -(a.v[i] == b.v[i])); }

@@ -11,6 +11,11 @@ namespace {
 
 enum FlagBit : uint8_t { kOccluded = 1, kMismatched = 2, kAmbiguous = 4, kOutOfView = 32 };
 
+template <class T>
+constexpr T worst_cost() {
+  return std::numeric_limits<T>::is_integer ? std::numeric_limits<T>::max() : std::numeric_limits<T>::infinity();
+}
+
 template <class Scalar>
 struct RowWinners {
   const int32_t* winner;  // index of the winning candidate, or -1 where none is in view
@@ -95,7 +100,7 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
   }
   for (int x = begin; x < end; ++x) {
     uint8_t flag = 0;
-    if (settings.uniqueness && row.second[x] < std::numeric_limits<Scalar>::max() &&
+    if (settings.uniqueness && row.second[x] < worst_cost<Scalar>() &&
         static_cast<double>(row.second[x]) - perfect <= (static_cast<double>(row.cost[x]) - perfect) * settings.ratio)
       flag |= kAmbiguous;
     if (settings.left_right) {

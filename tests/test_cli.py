@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 import stereopsis as st
 from stereopsis.cli import main
-from stereopsis.settings import Settings
+from stereopsis.settings import DEFAULT_PRESET, Settings
 
 Capture = pytest.CaptureFixture[str]
 
@@ -125,6 +129,47 @@ class TestMatch:
     def test_range_is_estimated_when_none_is_given(self, folder: Path, capsys: Capture) -> None:
         low, high = report(capsys, "match", "left.png", "right.png")["settings"]["disparities"]
         assert low < high
+
+    @pytest.mark.parametrize(
+        ("assignments", "preset"),
+        [
+            ((), DEFAULT_PRESET),
+            (("window=9",), DEFAULT_PRESET),
+            (("cost=zncc",), None),
+            (("cost=sad", "median=3"), None),
+        ],
+    )
+    def test_a_cost_alone_turns_checks_off(
+        self, assignments: tuple[str, ...], preset: str | None, folder: Path, capsys: Capture
+    ) -> None:
+        """The command line starts from what `match` starts from."""
+        sets = [word for assignment in assignments for word in ("--set", assignment)]
+        said = report(capsys, "match", "left.png", "right.png", "--disparities", "0:24", *sets)
+        assert said["settings"]["preset"] == preset
+
+    SETTINGS: ClassVar = {
+        "disparities": ("-2:9", [-2, 9]),
+        "cost": ("ncc", {"name": "ncc", "window": [21, 21]}),
+        "channels": ("separate", "separate"),
+        "subpixel": ("equiangular", "equiangular"),
+        "left_right": ("2", 2.0),
+        "uniqueness": ("off", None),
+        "texture": ("1.5", 1.5),
+        "median": ("5", 5),
+        "speckle": ("50,2", [50, 2.0]),
+        "fill": ("background", "background"),
+        "threads": ("2", 2),
+        "keep": ("texture", ["texture"]),
+        "preset": ("fast", "fast"),
+    }
+
+    @pytest.mark.parametrize("field", dataclasses.fields(Settings), ids=lambda field: field.name)
+    def test_set_reaches_every_setting(
+        self, field: dataclasses.Field[Any], folder: Path, capsys: Capture
+    ) -> None:
+        text, value = self.SETTINGS[field.name]
+        said = report(capsys, "match", "left.png", "right.png", "--set", f"{field.name}={text}")
+        assert said["settings"][field.name] == value
 
     def test_settings_file_then_set(self, folder: Path, capsys: Capture) -> None:
         first = Settings.make(assignments=("cost=ssd", "window=5"), disparities=st.Disparities(0, 20))
@@ -248,6 +293,21 @@ class TestRefusals:
         assert main(["match", "left.png", "right.png", "-o", "out.png"]) == 130
         assert capsys.readouterr() == ("", "stereopsis: interrupted\n")
         assert not Path("out.png").exists()
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+    def test_interrupt_ends_a_long_match(self, tmp_path: Path, capsys: Capture) -> None:
+        """A match of several minutes, stopped in the middle of its kernel."""
+        image, output = str(tmp_path / "noise.png"), tmp_path / "out.pfm"
+        st.write_image(image, np.random.default_rng(0).integers(0, 256, (1500, 1500), np.uint8))
+        output.write_bytes(b"mine")
+        arguments = ["--disparities", "0:1000", "--set", "cost=zsad", "--set", "window=99", "-o", str(output)]
+        timer = threading.Timer(0.5, signal.raise_signal, [signal.SIGINT])
+        timer.start()
+        start = time.perf_counter()
+        assert main(["match", image, image, *arguments]) == 130
+        assert time.perf_counter() - start < 3
+        assert capsys.readouterr() == ("", "stereopsis: interrupted\n")
+        assert output.read_bytes() == b"mine"
 
     @pytest.mark.parametrize("command", [["frobnicate"], ["mtach"], ["--nonsense"], ["demo", "odd"]])
     def test_usage(self, command: list[str], capsys: Capture) -> None:

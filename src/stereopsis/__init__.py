@@ -3,6 +3,8 @@
 from stereopsis import datasets, io, scenes
 from stereopsis.evaluate import Scores, error_map, evaluate
 from stereopsis.io import (
+    depth,
+    points,
     read_calibration,
     read_disparity,
     read_image,
@@ -12,7 +14,6 @@ from stereopsis.io import (
     write_ply,
     write_preview,
 )
-from stereopsis.io import depth, points
 from stereopsis.pipeline import estimate_disparities, match
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.types import Calibration, Disparities, Flag, Pair, Result

@@ -1,4 +1,4 @@
-"""The streaming path: cost, aggregation, selection, left-right check, uniqueness and sub-pixel fit in one pass.
+"""The streaming path: cost, aggregation, selection, checks and sub-pixel fit in one pass.
 
 It holds no cost volume, and gives the same bits as the composed stages.
 """
@@ -42,7 +42,7 @@ def match(
     uniqueness: float | None,
     threads: int,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    """Disparity, confidence and flags, (H, W) each, of a pair and a range of which some candidate is in view."""
+    """Disparity, confidence and flags, (H, W) each. Some candidate of the range has to be in view."""
     shape: tuple[int, ...] = pair.left.shape[:2]
     disparity, confidence = np.empty(shape, np.float32), np.empty(shape, np.float32)
     flags = np.empty(shape, np.uint8)

@@ -91,36 +91,28 @@ class _Commands(click.Group):
             ctx.exit(PIPE_CLOSED)
 
 
-class _Range(click.ParamType):
+def _range(text: str) -> tuple[int, int]:
     """MIN:MAX, like Python's range."""
-
-    name = "MIN:MAX"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        try:
-            low, high = (int(end) for end in value.split(":"))
-        except ValueError:
-            self.fail(f"{value!r} is not MIN:MAX, two whole numbers such as 0:128 or -16:48.", param, ctx)
-        if low >= high:
-            self.fail(f"{value!r} holds no disparity: MAX is excluded and must exceed MIN.", param, ctx)
-        return low, high
+    try:
+        low, high = (int(end) for end in text.split(":"))
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is not MIN:MAX, two whole numbers such as 0:128 or -16:48."
+        ) from None
+    if low >= high:
+        raise click.BadParameter(f"{text!r} holds no disparity: MAX is excluded and must exceed MIN.")
+    return low, high
 
 
-class _Size(click.ParamType):
+def _width_height(text: str) -> tuple[int, int]:
     """WIDTHxHEIGHT in pixels."""
-
-    name = "size"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        try:
-            width, height = (int(side) for side in value.split("x"))
-        except ValueError:
-            self.fail(f"{value!r} is not WIDTHxHEIGHT, two whole numbers such as 880x400.", param, ctx)
-        return width, height
+    try:
+        width, height = (int(side) for side in text.split("x"))
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is not WIDTHxHEIGHT, two whole numbers such as 880x400."
+        ) from None
+    return width, height
 
 
 def _show_version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -140,7 +132,7 @@ def _choices(command: F) -> F:
     """The options that together reach every setting; the command receives them as `_Choices`."""
     disparities = "Disparities to search, MAX excluded. Left away, they are estimated from the images."
 
-    @click.option("--disparities", type=_Range(), help=disparities)
+    @click.option("--disparities", metavar="MIN:MAX", type=_range, help=disparities)
     @click.option("--preset", metavar="NAME", help="Start from a preset; 'stereopsis info' lists them.")
     @click.option("--settings", "file", type=_INPUT, help="Read settings from this TOML file.")
     @click.option(
@@ -244,6 +236,7 @@ def match(
         return
     _print_result(result)
     if scores:
+        click.echo()
         _print_scores(scores)
     _print_written(outputs)
 
@@ -318,6 +311,7 @@ def info(file: Path | None, as_json: bool) -> None:
         return
     if described:
         _print_facts(described)
+        click.echo()
     _print_facts(program)
 
 
@@ -334,7 +328,7 @@ def info(file: Path | None, as_json: bool) -> None:
 @click.option(
     "--size",
     metavar="WIDTHxHEIGHT",
-    type=_Size(),
+    type=_width_height,
     default="880x400",
     show_default=True,
     help="Size of the images.",
@@ -358,7 +352,9 @@ def demo(folder: Path, size: tuple[int, int], seed: int, settings: Settings, as_
         _print_json({**files, **_facts(shown.result), **scores})
         return
     _print_result(shown.result)
+    click.echo()
     _print_scores(shown.scores)
+    click.echo()
     _print_written(shown.files)
 
 

@@ -1,8 +1,8 @@
 """Cost: what two pixels, and from them two windows, have to do with each other.
 
-A window of the left image at ``(x, y)`` is compared with the one of the right image at ``(x - d, y)``. Both images go on
-past their edges by repeating the edge pixel. The arithmetic starts from integers: 8- and 16-bit pixels as they are, float
-pixels as 21-bit fixed point.
+A window of the left image at ``(x, y)`` is compared with the one of the right image at ``(x - d, y)``. Both
+images go on past their edges by repeating the edge pixel. The arithmetic starts from integers: 8- and 16-bit
+pixels as they are, float pixels as 21-bit fixed point.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Pixels(NamedTuple):
 def pixels(left: Image, right: Image, channels: str = "grey", threads: int = 0) -> Pixels:
     """Integer pixels of a pair of images, of colour images as one grey channel or as three.
 
-    8-bit images stay uint8, 16-bit ones become int32. Float images are scaled by the power of two that lets the larger
-    magnitude of the two images just fit `FLOAT_BITS` bits, and rounded.
+    8-bit images stay uint8, 16-bit ones become int32. Float images are scaled by the power of two that lets
+    the larger magnitude of the two images just fit `FLOAT_BITS` bits, and rounded.
     """
     integers = _integers(left, right)
     if channels == "separate" or left.ndim == 2:
@@ -97,8 +97,8 @@ def terms(
     Parameters
     ----------
     kind : str
-        "sad": ``sum_c |l - r|``; any other: ``sum_c l r``, from which, with the windows' own sums and squares, all
-        squared costs and correlations follow.
+        "sad": ``sum_c |l - r|``; any other: ``sum_c l r``, from which, with the windows' own sums and
+        squares, all squared costs and correlations follow.
     pair : Pixels
     disparities : Disparities
         D candidates.
@@ -133,14 +133,14 @@ def score(
     - NCC :math:`-\sum L R / \sqrt{\sum L^2 \sum R^2}`
     - ZNCC :math:`-\sum (L - \bar L)(R - \bar R) / \sqrt{\sum (L - \bar L)^2 \sum (R - \bar R)^2}`
 
-    A correlation with a window that has no norm is 0. Of a colour image the sums run over the channels, each with its own
-    mean.
+    A correlation with a window that has no norm is 0. Of a colour image the sums run over the channels, each
+    with its own mean.
 
     Returns
     -------
     ndarray, (H, W, D)
-        int64 for SAD and SSD, else float32. A candidate outside the right image costs the type's largest value, or
-        infinity.
+        int64 for SAD and SSD, else float32. A candidate outside the right image costs the type's largest
+        value, or infinity.
     """
     dtype = np.int64 if kind in ("sad", "ssd") else np.float32
     costs = np.empty(sums.shape, dtype)

@@ -50,8 +50,8 @@ def match(
 ) -> Result:
     """Match a rectified pair.
 
-    With neither `settings`, `preset` nor `cost`, the preset "fast" is used. With a `cost` and no preset, no check and no
-    filter is on: the plain winner and its sub-pixel fit. Whatever else is given changes that.
+    With neither `settings`, `preset` nor `cost`, the preset "fast" is used. With a `cost` and no preset, no
+    check and no filter is on: the plain winner and its sub-pixel fit. Whatever else is given changes that.
 
     Parameters
     ----------
@@ -75,15 +75,17 @@ def match(
     Raises
     ------
     ValueError
-        For images of different or unsuitable shape, images with NaN or infinity, or a setting that is not allowed.
+        For images of different or unsuitable shape, images with NaN or infinity, or a setting that is not
+        allowed.
     TypeError
         For images of another dtype.
 
     Notes
     -----
-    A candidate counts for a pixel where its match lies inside the right image; windows that reach over an image's edge see
-    the edge pixel repeated. A pixel none of whose candidates lies inside is NaN, with `Flag.OUT_OF_VIEW`. Of equal costs the
-    smallest disparity wins. The result does not depend on the number of threads or on the instruction set.
+    A candidate counts for a pixel where its match lies inside the right image; windows that reach over an
+    image's edge see the edge pixel repeated. A pixel none of whose candidates lies inside is NaN, with
+    `Flag.OUT_OF_VIEW`. Of equal costs the smallest disparity wins. The result does not depend on the number
+    of threads or on the instruction set.
 
     Examples
     --------
@@ -240,11 +242,12 @@ def _presented(
 def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disparities:
     """The range of disparities of a pair, from its images alone.
 
-    Both images are shrunk to at most 256 columns by averaging, and matched (ZNCC 9 x 9) over every disparity from minus an
-    eighth to five eighths of the width. What survives a left-right check, a uniqueness check and a speckle filter spans the
-    range, from its 0.1 % to its 99.9 % quantile; a margin of three shrunken pixels plus a tenth of the span is added on both
-    sides. Negative disparities are searched where a twentieth of what survives is negative. Where less than 1 % of the pixels
-    survive, the range is a quarter of the width.
+    Both images are shrunk to at most 256 columns by averaging, and matched (ZNCC 9 x 9) over every
+    disparity from minus an eighth to five eighths of the width. What survives a left-right check, a
+    uniqueness check and a speckle filter spans the range, from its 0.1 % to its 99.9 % quantile; a
+    margin of three shrunken pixels plus a tenth of the span is added on both sides. Negative
+    disparities are searched where a twentieth of what survives is negative. Where less than 1 % of
+    the pixels survive, the range is a quarter of the width.
 
     Parameters
     ----------

@@ -14,8 +14,10 @@ from stereopsis.types import DisparityMap
 def _neighbours(
     cost: npt.NDArray[Any], before: npt.NDArray[Any], after: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[np.bool_]]:
-    """The winner's and both neighbours' costs, 0 where nothing is in view, the one neighbour standing for the other at an
-    end of the range; and where there are two."""
+    """The winner's and both neighbours' costs; and where there are two neighbours.
+
+    Costs are 0 where nothing is in view; at an end of the range the one neighbour stands for the other.
+    """
     none = np.iinfo(cost.dtype).max if cost.dtype.kind == "i" else np.inf
     cost = np.where(cost < none, cost, cost.dtype.type(0))
     has_before, has_after = before < none, after < none
@@ -37,8 +39,8 @@ def subpixel(
 
     References
     ----------
-    .. [1] M. Shimizu, M. Okutomi, Sub-pixel estimation error cancellation on area-based matching, IJCV 63(3), 2005.
-       :doi:`10.1007/s11263-005-6878-5`
+    .. [1] M. Shimizu, M. Okutomi, Sub-pixel estimation error cancellation on area-based matching,
+       IJCV 63(3), 2005, doi:10.1007/s11263-005-6878-5.
     """
     if kind is None:
         return np.zeros(cost.shape, np.float32)
@@ -54,7 +56,10 @@ def subpixel(
 def confidence(
     perfect: float, cost: npt.NDArray[Any], before: npt.NDArray[Any], after: npt.NDArray[Any]
 ) -> npt.NDArray[np.float32]:
-    """How far the winner stands below the mean of its neighbours, as a fraction of the way to a perfect match; in [0, 1]."""
+    """How far the winner stands below the mean of its neighbours.
+
+    As a fraction of the way from that mean to a perfect match; in [0, 1].
+    """
     cost, before, after, _ = _neighbours(cost, before, after)
     around = np.float32(0.5) * (before.astype(np.float32) + after.astype(np.float32))
     reach = around - np.float32(perfect)
@@ -63,7 +68,10 @@ def confidence(
 
 
 def median(disparity: DisparityMap, size: int, threads: int = 0) -> DisparityMap:
-    """Median over ``size x size`` pixels of those that have a value; invalid pixels stay invalid, borders use what there is."""
+    """Median over those of ``size x size`` pixels that have a value.
+
+    Invalid pixels stay invalid. At borders the window is what lies inside the map.
+    """
     filtered = np.empty(disparity.shape, np.float32)
     _core.median(np.ascontiguousarray(disparity), size, filtered, threads)
     return filtered

@@ -51,12 +51,12 @@ def left(volume: npt.NDArray[Any], first: int, threads: int = 0) -> Winners:
 
 
 def right(volume: npt.NDArray[Any], first: int, threads: int = 0) -> npt.NDArray[np.int32]:
-    """Candidate numbers of the right view's winners: for each ``(x_right, y)`` the least cost at ``x_right + d``.
+    """Winners of the right view: for each ``(x_right, y)`` the candidate of least cost at ``x_right + d``.
 
     Returns
     -------
     ndarray of int32, (H, W)
-        -1 where no candidate is in view.
+        Candidate number, -1 where no candidate is in view.
     """
     index = np.empty(volume.shape[:2], np.int32)
     _core.select_right(volume, first, index, threads)

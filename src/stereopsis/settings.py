@@ -19,8 +19,8 @@ from stereopsis.types import Disparities
 MAX_WINDOW = 255
 
 Window: TypeAlias = int | tuple[int, int] | str
-"""Full size in pixels: ``31``, ``(width, height)``, or as text ``"31x15"``. An even window reaches one pixel further to the
-left and up than to the right and down."""
+"""Full size in pixels: ``31``, ``(width, height)``, or as text ``"31x15"``. An even window reaches one pixel
+further to the left and up than to the right and down."""
 
 
 def _is_int(value: Any) -> bool:
@@ -121,23 +121,24 @@ class Settings:
     cost : SAD, SSD, ZSAD, ZSSD, NCC or ZNCC
         Matching cost and its support window.
     channels : {"grey", "separate"}
-        Colour images are matched on their grey values, or on all three channels: the window's sums run over them, each
-        with its own mean.
+        Colour images are matched on their grey values, or on all three channels: the window's sums run over
+        them, each with its own mean.
     subpixel : {"parabola", "equiangular"} or None
-        Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and correlations,
-        the equiangular (V) fit for absolute differences.
+        Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and
+        correlations, the equiangular (V) fit for absolute differences.
     left_right : float or None
-        Largest difference in pixels between the winner and the right view's winner at its match. None: no check.
+        Largest difference in pixels between the winner and the right view's winner at its match. None: no
+        check.
     uniqueness : float or None
-        In percent: the winner is ambiguous where another candidate, not next to it, costs at most this much more. Costs
-        are counted from a perfect match, so correlations as ``1 - correlation``. None: no check.
+        In percent: the winner is ambiguous where another candidate, not next to it, costs at most this much
+        more. Costs are counted from a perfect match, so correlations as ``1 - correlation``. None: no check.
     texture : float or None
         Least mean horizontal gradient over the support window, in grey levels a pixel. None: no check.
     median : int or None
         Side of the median filter's window in pixels, odd.
     speckle : tuple of (int, float) or None
-        Regions of fewer pixels than the first, in which neighbours differ by at most the second (pixels of disparity),
-        are removed.
+        Regions of fewer pixels than the first, in which neighbours differ by at most the second (pixels of
+        disparity), are removed.
     fill : {"background"} or None
         How invalid pixels are answered: from the farther neighbour on the row. None: they stay NaN.
     threads : int
@@ -149,7 +150,7 @@ class Settings:
     """
 
     disparities: Disparities | None = None
-    cost: Cost = ZNCC()  # noqa: RUF009  (frozen)
+    cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
     subpixel: Subpixel | None = "parabola"
     left_right: float | None = None
@@ -174,7 +175,7 @@ class Settings:
         assignments: Iterable[str] = (),
         **changes: Any,
     ) -> Settings:
-        """Settings from a preset, then a TOML file, then ``NAME=VALUE`` texts, then keywords; the later ones win.
+        """Settings from a preset, a TOML file, ``NAME=VALUE`` texts and keywords; the later ones win.
 
         Parameters
         ----------
@@ -373,7 +374,7 @@ def _from_text(name: str, text: str) -> Any:
         case "cost" | "channels" | "subpixel" | "fill" | "preset" | "window":
             return text
         case "disparities":
-            low, colon, high = text.partition(":")
+            low, _, high = text.partition(":")
             try:
                 return int(low), int(high)
             except ValueError:

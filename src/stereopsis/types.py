@@ -28,7 +28,8 @@ class Flag(enum.IntFlag):
     """
 
     OCCLUDED = 1
-    """The left-right check failed, and no pixel of the right view answers on this line: seen by the left camera alone."""
+    """The left-right check failed, and no pixel of the right view answers on this line: seen by the left
+    camera alone."""
     MISMATCHED = 2
     """The left-right check failed, though the right view has an answer that would agree: a wrong match."""
     AMBIGUOUS = 4

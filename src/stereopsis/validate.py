@@ -19,8 +19,8 @@ def uniqueness(cost: npt.NDArray[Any], second: npt.NDArray[Any], perfect: float,
     Parameters
     ----------
     cost, second : ndarray, (H, W)
-        The winner's cost and the least one apart from it and its neighbours; the type's largest value, or infinity, where
-        there is none.
+        The winner's cost and the least one apart from it and its neighbours; the type's largest value, or
+        infinity, where there is none.
     perfect : float
         Cost of a perfect match, from which both are counted: -1 for correlations, 0 for differences.
     margin : float
@@ -36,7 +36,8 @@ def left_right(
 ) -> npt.NDArray[np.uint8]:
     """Where the right view's winner at the match differs by more than `tolerance` pixels.
 
-    A pixel that fails is `Flag.MISMATCHED` where some other candidate would have been agreed with, else `Flag.OCCLUDED` [1]_.
+    A pixel that fails is `Flag.MISMATCHED` where some other candidate would have been agreed with, else
+    `Flag.OCCLUDED` [1]_.
 
     Parameters
     ----------
@@ -54,14 +55,14 @@ def left_right(
 
     References
     ----------
-    .. [1] H. Hirschmueller, Stereo processing by semiglobal matching and mutual information, IEEE TPAMI 30(2), 2008.
-       :doi:`10.1109/TPAMI.2007.1166`
+    .. [1] H. Hirschmueller, Stereo processing by semiglobal matching and mutual information,
+       IEEE TPAMI 30(2), 2008, doi:10.1109/TPAMI.2007.1166.
     """
     columns = np.arange(index.shape[1])
 
     def agrees(candidate: npt.NDArray[Any]) -> BoolMap:
         there = columns - first - candidate
-        seen = (there >= 0) & (there < index.shape[1])
+        seen: BoolMap = (there >= 0) & (there < index.shape[1])
         answer = np.take_along_axis(right, np.clip(there, 0, index.shape[1] - 1), axis=1)
         close: BoolMap = np.abs(answer - candidate) <= np.float32(tolerance)
         return seen & close
@@ -104,7 +105,8 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     area : int
         Regions of fewer pixels than this are speckle.
     difference : float
-        Two of the four neighbours belong to one region where they differ by at most this (pixels of disparity).
+        Neighbours, of which a pixel has four, belong to one region where they differ by at most this (pixels
+        of disparity).
     """
     found = np.zeros(disparity.shape, np.uint8)
     _core.speckle(np.ascontiguousarray(disparity), area, difference, found)

@@ -1,0 +1,714 @@
+// The kernels against naive loops, in every instruction set that this machine runs. Meant to be run under AddressSanitizer
+// and UndefinedBehaviorSanitizer: every array, and the kernels' scratch memory, is exactly as large as it is said to be.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+#include <new>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "../dispatch.hpp"
+#include "../parallel.hpp"
+#include "../stages.hpp"
+
+using namespace stereopsis;
+
+namespace {
+
+int passed = 0, failed = 0;
+
+void check(bool holds, int line, const std::string& told) {
+  ++(holds ? passed : failed);
+  if (!holds && failed <= 20) std::fprintf(stderr, "line %d: %s\n", line, told.c_str());
+}
+#define CHECK(condition, told) check((condition), __LINE__, std::string(#condition) + ": " + (told))
+
+std::string text(int v) { return std::to_string(v); }
+
+// A generator of its own, so that every machine tests the same.
+struct Random {
+  uint64_t state;
+  uint32_t next() {
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    return static_cast<uint32_t>(state >> 33);
+  }
+  int below(int n) { return static_cast<int>(next() % static_cast<uint32_t>(n)); }
+  int between(int low, int high) { return low + below(high - low + 1); }
+};
+
+const Workers kAlone{1, [] { return false; }};
+
+int clamp(int v, int lo, int hi) { return std::min(std::max(v, lo), hi); }
+
+// ---- problems -------------------------------------------------------------------------------------------------------
+
+struct Problem {
+  int height, width, channels, first, count;
+  Window window;
+  std::vector<int32_t> left, right;
+  std::vector<uint8_t> left8, right8;  // the same, where they fit
+
+  Pair wide() const { return {left.data(), right.data(), height, width, channels, first, count}; }
+  Pair narrow() const { return {left8.data(), right8.data(), height, width, channels, first, count}; }
+  bool fits() const { return !left8.empty() && narrow_fits(window, channels); }
+
+  int32_t at(const std::vector<int32_t>& image, int y, int x, int c) const {
+    return image[(static_cast<size_t>(clamp(y, 0, height - 1)) * width + clamp(x, 0, width - 1)) * channels + c];
+  }
+  bool in_view(int x, int i) const { return 0 <= x - first - i && x - first - i < width; }
+
+  std::string told() const {
+    return text(height) + "x" + text(width) + "x" + text(channels) + " first " + text(first) + " count " + text(count) +
+           " window " + text(window.width) + "x" + text(window.height) + (fits() ? " narrow" : " wide");
+  }
+};
+
+enum class Pixels { few, bytes, extreme, white, black_white, words, fixed };
+
+Problem problem(Random& random, Pixels pixels, int height, int width, int channels, int first, int count, Window window) {
+  Problem p{height, width, channels, first, count, window, {}, {}, {}, {}};
+  const size_t size = static_cast<size_t>(height) * width * channels;
+  const auto pixel = [&](bool right) -> int32_t {
+    switch (pixels) {
+      case Pixels::few:
+        return random.below(3);
+      case Pixels::bytes:
+        return random.below(256);
+      case Pixels::extreme:
+        return random.below(2) * 255;
+      case Pixels::white:
+        return 255 - (random.below(10) == 0);
+      case Pixels::black_white:
+        return right ? 255 : 0;
+      case Pixels::words:
+        return random.below(4) ? random.below(65536) : random.below(2) * 65535;
+      case Pixels::fixed:
+        return random.below(4) ? random.between(-(1 << 21), 1 << 21) : random.below(2) * (1 << 22) - (1 << 21);
+    }
+    return 0;
+  };
+  for (size_t k = 0; k < size; ++k) {
+    p.left.push_back(pixel(false));
+    p.right.push_back(pixel(true));
+  }
+  // Half of the rows have true matches.
+  const int shift = random.below(4);
+  if (pixels != Pixels::black_white)
+    for (int y = 0; y < height; y += 2)
+      for (int x = 0; x + shift < width; ++x)
+        for (int c = 0; c < channels; ++c)
+          p.right[(static_cast<size_t>(y) * width + x) * channels + c] = p.at(p.left, y, x + shift, c);
+  if (pixels != Pixels::words && pixels != Pixels::fixed) {
+    p.left8.assign(p.left.begin(), p.left.end());
+    p.right8.assign(p.right.begin(), p.right.end());
+  }
+  p.left.shrink_to_fit();
+  p.right.shrink_to_fit();
+  p.left8.shrink_to_fit();
+  p.right8.shrink_to_fit();
+  return p;
+}
+
+// ---- the formulas, window by window ---------------------------------------------------------------------------------
+
+struct Naive {
+  int64_t whole;   // SAD and SSD, exact
+  double cost;     // any cost
+  double natural;  // what its rounding is measured by
+};
+
+Naive naive_cost(const Problem& p, CostKind kind, int y, int x, int i) {
+  const int xr = x - p.first - i;
+  int64_t absolute = 0, squared = 0;
+  double zero_mean_absolute = 0, product = 0, ll = 0, rr = 0, zll = 0, zrr = 0, zlr = 0, magnitude = 0;
+  for (int c = 0; c < p.channels; ++c) {
+    int64_t sl = 0, sr = 0;
+    const auto each = [&](auto visit) {
+      for (int dy = -p.window.above(); dy <= p.window.below(); ++dy)
+        for (int dx = -p.window.left(); dx <= p.window.right(); ++dx)
+          visit(static_cast<int64_t>(p.at(p.left, y + dy, x + dx, c)), static_cast<int64_t>(p.at(p.right, y + dy, xr + dx, c)));
+    };
+    each([&](int64_t l, int64_t r) {
+      absolute += std::abs(l - r);
+      squared += (l - r) * (l - r);
+      product += static_cast<double>(l * r);
+      ll += static_cast<double>(l * l);
+      rr += static_cast<double>(r * r);
+      sl += l;
+      sr += r;
+      magnitude += static_cast<double>(std::abs(l) + std::abs(r));
+    });
+    const double n = static_cast<double>(p.window.area()), ml = static_cast<double>(sl) / n, mr = static_cast<double>(sr) / n;
+    each([&](int64_t l, int64_t r) {
+      const double a = static_cast<double>(l) - ml, b = static_cast<double>(r) - mr;
+      zero_mean_absolute += std::fabs(a - b);
+      zll += a * a;
+      zrr += b * b;
+      zlr += a * b;
+    });
+  }
+  switch (kind) {
+    case CostKind::sad:
+      return {absolute, static_cast<double>(absolute), 0};
+    case CostKind::ssd:
+      return {squared, static_cast<double>(squared), 0};
+    case CostKind::zsad:
+      return {0, zero_mean_absolute, magnitude};
+    case CostKind::zssd:
+      return {0, zll + zrr - 2 * zlr, zll + zrr + std::fabs(squared)};
+    case CostKind::ncc:
+      return {0, ll > 0 && rr > 0 ? -product / std::sqrt(ll * rr) : 0, 1};
+    case CostKind::zncc: {
+      // Exactly constant windows have no norm; the sums above are exact enough to tell.
+      const bool flat = zll < 1e-6 || zrr < 1e-6;
+      return {0, flat ? 0 : -zlr / std::sqrt(zll * zrr), 1};
+    }
+  }
+  return {0, 0, 0};
+}
+
+// ---- the composed path -----------------------------------------------------------------------------------------------
+
+const CostKind kCosts[] = {CostKind::sad, CostKind::ssd, CostKind::zsad, CostKind::zssd, CostKind::ncc, CostKind::zncc};
+const char* const kNames[] = {"sad", "ssd", "zsad", "zssd", "ncc", "zncc"};
+std::string name(CostKind kind) { return kNames[static_cast<int>(kind)]; }
+
+template <class T>
+std::vector<T> composed_volume(const Problem& p, CostKind kind, bool narrow, const Workers& workers = kAlone) {
+  const size_t size = static_cast<size_t>(p.height) * p.width * p.count;
+  std::vector<T> costs(size);
+  if constexpr (std::is_same<T, float>::value)
+    if (kind == CostKind::zsad) {
+      score_zsad(p.wide(), p.window, costs.data(), workers);
+      return costs;
+    }
+  const size_t padded =
+      static_cast<size_t>(p.height + p.window.height - 1) * (p.width + p.window.width - 1) * static_cast<size_t>(p.count);
+  std::vector<int64_t> each(padded), sums(size);
+  terms(p.wide(), p.window, kind == CostKind::sad ? Term::absolute_difference : Term::product, each.data(), workers);
+  box(each.data(), p.height, p.width, p.count, p.window, sums.data(), workers);
+  score(p.wide(), p.window, kind, narrow, sums.data(), costs.data(), workers);
+  return costs;
+}
+
+struct Answer {
+  std::vector<float> disparity, confidence;
+  std::vector<uint8_t> flags;
+  explicit Answer(size_t size) : disparity(size, -1), confidence(size, -1), flags(size, 255) {}
+  FusedOutput out() { return {disparity.data(), confidence.data(), flags.data()}; }
+};
+
+template <class T>
+int naive_winner(const std::vector<T>& costs) {
+  int best = -1;
+  for (int i = 0; i < static_cast<int>(costs.size()); ++i)
+    if (costs[i] != worst_cost<T>() && (best < 0 || costs[i] < costs[best])) best = i;
+  return best;
+}
+
+// Everything after the volume, in the plainest terms.
+template <class T>
+Answer naive_answer(const Problem& p, const std::vector<T>& volume, const FusedSettings& s) {
+  const int H = p.height, W = p.width, D = p.count;
+  Answer answer(static_cast<size_t>(H) * W);
+  const auto costs_at = [&](int y, int x) {
+    const auto begin = volume.begin() + (static_cast<ptrdiff_t>(y) * W + x) * D;
+    return std::vector<T>(begin, begin + D);
+  };
+  const auto right_winner = [&](int y, int xr) {
+    std::vector<T> costs(D, worst_cost<T>());
+    for (int i = 0; i < D; ++i) {
+      const int x = xr + p.first + i;
+      if (0 <= x && x < W) costs[i] = volume[(static_cast<size_t>(y) * W + x) * D + i];
+    }
+    return naive_winner(costs);
+  };
+  const float perfect = s.cost == CostKind::ncc || s.cost == CostKind::zncc ? -1.0f : 0.0f;
+  for (int y = 0; y < H; ++y)
+    for (int x = 0; x < W; ++x) {
+      const size_t at = static_cast<size_t>(y) * W + x;
+      const std::vector<T> costs = costs_at(y, x);
+      const int i = naive_winner(costs);
+      int flag = 0;
+      if (i < 0) flag = 32;
+      if (s.uniqueness && i >= 0)
+        for (int k = 0; k < D; ++k)
+          if (std::abs(k - i) > 1 && p.in_view(x, k) &&
+              static_cast<double>(costs[k]) - perfect <= (static_cast<double>(costs[i]) - perfect) * s.ratio)
+            flag |= 4;
+      if (s.left_right && i >= 0) {
+        const auto agrees = [&](int k) {
+          return p.in_view(x, k) &&
+                 static_cast<float>(std::abs(right_winner(y, x - p.first - k) - k)) <= s.tolerance;
+        };
+        bool any = false;
+        for (int k = 0; k < D; ++k) any = any || agrees(k);
+        if (!agrees(i)) flag |= any ? 2 : 1;
+      }
+      answer.flags[at] = static_cast<uint8_t>(flag);
+      if (flag) {
+        answer.disparity[at] = std::numeric_limits<float>::quiet_NaN();
+        answer.confidence[at] = 0;
+        continue;
+      }
+      const bool before = i > 0 && p.in_view(x, i - 1), after = i + 1 < D && p.in_view(x, i + 1);
+      const T c = costs[i], b = before ? costs[i - 1] : after ? costs[i + 1] : c, a = after ? costs[i + 1] : b;
+      float offset = 0;
+      if (before && after && s.subpixel != Subpixel::none) {
+        const float rb = static_cast<float>(b - c), ra = static_cast<float>(a - c);
+        const float reach = s.subpixel == Subpixel::parabola ? rb + ra : std::max(rb, ra);
+        offset = reach > 0 ? 0.5f * (rb - ra) / reach : 0.0f;
+      }
+      answer.disparity[at] = static_cast<float>(p.first + i) + offset;
+      const float around = 0.5f * (static_cast<float>(b) + static_cast<float>(a)), reach = around - perfect;
+      answer.confidence[at] =
+          reach > 0 ? std::min(std::max((around - static_cast<float>(c)) / reach, 0.0f), 1.0f) : 0.0f;
+    }
+  return answer;
+}
+
+bool same(const std::vector<float>& a, const std::vector<float>& b) {
+  return std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
+}
+bool same(const Answer& a, const Answer& b) {
+  return a.flags == b.flags && same(a.disparity, b.disparity) && same(a.confidence, b.confidence);
+}
+
+// ---- the streaming kernels -------------------------------------------------------------------------------------------
+
+struct Scratch {
+  void* memory;
+  explicit Scratch(size_t bytes) : memory(::operator new(bytes, std::align_val_t{64})) {
+    // What an earlier row left behind must not matter.
+    std::memset(memory, 0xA5, bytes);
+  }
+  ~Scratch() { ::operator delete(memory, std::align_val_t{64}); }
+  Scratch(const Scratch&) = delete;
+  Scratch& operator=(const Scratch&) = delete;
+};
+
+Answer stream(const FusedKernel& kernel, const Problem& p, const FusedSettings& s, bool narrow, int bands = 1) {
+  const Pair pair = narrow ? p.narrow() : p.wide();
+  Answer answer(static_cast<size_t>(p.height) * p.width);
+  const Cancel cancel{false};
+  for (int k = 0; k < bands; ++k) {
+    const Scratch scratch(kernel.scratch_bytes(pair, s, narrow));
+    kernel.rows(pair, s, narrow, answer.out(), p.height * k / bands, p.height * (k + 1) / bands, scratch.memory, cancel);
+  }
+  return answer;
+}
+
+void compare_volume(const Problem& p, CostKind kind, bool narrow, const std::vector<int64_t>& volume) {
+  for (int y = 0; y < p.height; ++y)
+    for (int x = 0; x < p.width; ++x)
+      for (int i = 0; i < p.count; ++i) {
+        const int64_t cost = volume[(static_cast<size_t>(y) * p.width + x) * p.count + i];
+        const bool right = p.in_view(x, i) ? cost == naive_cost(p, kind, y, x, i).whole : cost == worst_cost<int64_t>();
+        if (!right) return CHECK(!"the volume is the formula's", name(kind) + text(narrow) + " " + p.told());
+      }
+  ++passed;
+}
+
+void compare_volume(const Problem& p, CostKind kind, bool narrow, const std::vector<float>& volume) {
+  for (int y = 0; y < p.height; ++y)
+    for (int x = 0; x < p.width; ++x)
+      for (int i = 0; i < p.count; ++i) {
+        const double cost = volume[(static_cast<size_t>(y) * p.width + x) * p.count + i];
+        const Naive naive = naive_cost(p, kind, y, x, i);
+        const bool right = p.in_view(x, i) ? std::fabs(cost - naive.cost) <= 2e-5 * (naive.natural + std::fabs(naive.cost))
+                                           : cost == std::numeric_limits<double>::infinity();
+        if (!right)
+          return CHECK(!"the volume is the formula's", name(kind) + (narrow ? " narrow " : " wide ") + std::to_string(cost) +
+                                                           " not " + std::to_string(naive.cost) + " " + p.told());
+      }
+  ++passed;
+}
+
+FusedSettings settings(Random& random, CostKind kind, const Window& window) {
+  FusedSettings s{kind, window, static_cast<Subpixel>(random.below(3)), random.below(2) == 0, 0, random.below(2) == 0, 1};
+  s.tolerance = static_cast<float>(random.below(5)) * 0.5f;
+  s.ratio = 1 + random.below(3) * 0.05;
+  return s;
+}
+
+template <class T>
+void compare_paths(Random& random, const Problem& p, CostKind kind, bool narrow, bool formula) {
+  const std::vector<T> volume = composed_volume<T>(p, kind, narrow);
+  if (formula) compare_volume(p, kind, narrow, volume);
+  for (int round = 0; round < 2; ++round) {
+    const FusedSettings s = settings(random, kind, p.window);
+    const Answer definition = naive_answer(p, volume, s);
+    for (const FusedKernel* kernel : available_kernels()) {
+      const Answer answer = stream(*kernel, p, s, narrow, 1 + round * random.below(p.height + 1));
+      CHECK(same(answer, definition), std::string(kernel->name) + " " + name(kind) + (narrow ? " narrow " : " wide ") +
+                                          p.told() + " subpixel " + text(static_cast<int>(s.subpixel)) + " left-right " +
+                                          text(s.left_right) + " uniqueness " + text(s.uniqueness));
+    }
+  }
+}
+
+void compare(Random& random, const Problem& p, CostKind kind, bool formula = true) {
+  for (const bool narrow : {false, true}) {
+    if (narrow && (!p.fits() || kind == CostKind::zsad)) continue;
+    if (kind == CostKind::sad || kind == CostKind::ssd)
+      compare_paths<int64_t>(random, p, kind, narrow, formula);
+    else
+      compare_paths<float>(random, p, kind, narrow, formula);
+  }
+}
+
+// ---- tests -----------------------------------------------------------------------------------------------------------
+
+void test_small_problems() {
+  Random random{1};
+  const Pixels kinds[] = {Pixels::few, Pixels::bytes, Pixels::extreme, Pixels::white, Pixels::words, Pixels::fixed};
+  for (int round = 0; round < 60; ++round)
+    for (const CostKind cost : kCosts) {
+      const int width = random.between(1, 40), first = random.between(-width - 2, width + 2);
+      // Only candidates that some pixel can see are asked for.
+      const int low = std::max(first, 1 - width), high = std::min(first + random.between(1, 2 * width), width);
+      if (low >= high) continue;
+      compare(random, problem(random, kinds[random.below(6)], random.between(1, 7), width, random.below(2) ? 1 : 3, low,
+                              high - low, {random.between(1, 9), random.between(1, 9)}),
+              cost);
+    }
+}
+
+void test_sizes_around_those_of_vectors() {
+  Random random{2};
+  for (const int count : {1, 7, 8, 9, 15, 16, 17, 31, 32, 33, 63, 64, 65, 127, 128, 129, 200, 300})
+    for (const CostKind cost : kCosts) {
+      const int width = count + random.between(-1, 20), first = random.between(-2, 2);
+      if (width < 1) continue;
+      const int low = std::max(first, 1 - width), high = std::min(first + count, width);
+      compare(random, problem(random, Pixels::bytes, 2, width, count < 100 && random.below(2) ? 3 : 1, low, high - low, {3, 2}),
+              cost, false);
+    }
+  for (const int width : {1, 2, 15, 16, 17, 31, 32, 33, 127, 128, 129})
+    for (const CostKind cost : kCosts)
+      for (const int channels : {1, 3})
+        compare(random, problem(random, Pixels::extreme, 2, width, channels, 0, std::min(width, 19), {4, 3}), cost, false);
+}
+
+// Windows on both sides of where sums no longer fit 32 bits, over images that drive them to their bounds.
+void test_bounds_of_sums() {
+  Random random{3};
+  for (const Window window : {Window{255, 129}, {181, 182}, {182, 182}, {192, 172}, {172, 192}, {254, 130}, {255, 130}})
+    for (const Pixels pixels : {Pixels::extreme, Pixels::white, Pixels::black_white, Pixels::bytes})
+      for (const CostKind cost : kCosts)
+        if (cost != CostKind::zsad)
+          compare(random, problem(random, pixels, 2, 7, 1, -1, 3, window), cost, pixels == Pixels::white);
+  for (const Window window : {Window{128, 86}, {86, 128}, {105, 105}})
+    for (const Pixels pixels : {Pixels::extreme, Pixels::white, Pixels::black_white})
+      for (const CostKind cost : kCosts)
+        if (cost != CostKind::zsad) compare(random, problem(random, pixels, 2, 6, 3, -1, 3, window), cost, false);
+  for (const Pixels pixels : {Pixels::extreme, Pixels::words, Pixels::fixed})
+    for (const CostKind cost : kCosts)
+      compare(random, problem(random, pixels, 1, 3, 3, -1, 2, {255, 255}), cost, pixels != Pixels::extreme);
+  for (const Window window : {Window{255, 1}, {1, 255}, {255, 2}, {2, 255}})
+    for (const CostKind cost : kCosts) compare(random, problem(random, Pixels::extreme, 3, 20, 1, -4, 12, window), cost);
+}
+
+void test_ties_go_to_the_first_candidate() {
+  for (const CostKind cost : kCosts) {
+    Random random{4};
+    Problem p = problem(random, Pixels::few, 3, 40, 1, -4, 30, {5, 3});
+    for (auto* image : {&p.left, &p.right}) std::fill(image->begin(), image->end(), 77);
+    for (auto* image : {&p.left8, &p.right8}) std::fill(image->begin(), image->end(), 77);
+    const FusedSettings s{cost, p.window, Subpixel::none, false, 0, false, 1};
+    for (const FusedKernel* kernel : available_kernels()) {
+      const Answer answer = stream(*kernel, p, s, cost != CostKind::zsad);
+      bool smallest = true;
+      for (int y = 0; y < 3; ++y)
+        for (int x = 0; x < 40; ++x)
+          smallest = smallest && answer.disparity[y * 40 + x] == static_cast<float>(std::max(-4, x - 39));
+      CHECK(smallest, std::string(kernel->name) + " " + name(cost));
+    }
+  }
+}
+
+void test_grey() {
+  Random random{5};
+  std::vector<int32_t> rgb, out(35);
+  std::vector<uint8_t> rgb8, out8(35);
+  for (int k = 0; k < 105; ++k) {
+    rgb8.push_back(static_cast<uint8_t>(k < 30 ? 255 : random.below(256)));
+    rgb.push_back(k < 30 ? (k < 15 ? 1 << 21 : -(1 << 21)) : random.between(-(1 << 21), 1 << 21));
+  }
+  grey(rgb.data(), 5, 7, out.data(), {3, [] { return false; }});
+  grey(rgb8.data(), 5, 7, out8.data(), kAlone);
+  bool right = true;
+  for (int k = 0; k < 35; ++k) {
+    const auto exact = [&](const auto* v) { return (9798.0 * v[0] + 19235.0 * v[1] + 3735.0 * v[2]) / 32768; };
+    right = right && out[k] == static_cast<int32_t>(std::floor(exact(&rgb[3 * k]) + 0.5)) &&
+            out8[k] == static_cast<uint8_t>(std::floor(exact(&rgb8[3 * k]) + 0.5));
+  }
+  CHECK(right, "grey");
+  CHECK(out8[0] == 255 && out[0] == 1 << 21, "white stays white");
+}
+
+void test_terms_and_box() {
+  Random random{6};
+  for (int round = 0; round < 30; ++round) {
+    const Problem p = problem(random, Pixels::fixed, random.between(1, 6), random.between(1, 9), random.below(2) ? 1 : 3,
+                              random.between(-9, 5), random.between(1, 6), {random.between(1, 8), random.between(1, 8)});
+    const Workers workers{random.between(1, 9), [] { return false; }};
+    const int rows = p.height + p.window.height - 1, columns = p.width + p.window.width - 1;
+    for (const Term term : {Term::product, Term::absolute_difference}) {
+      std::vector<int64_t> each(static_cast<size_t>(rows) * columns * p.count);
+      std::vector<int64_t> sums(static_cast<size_t>(p.height) * p.width * p.count);
+      terms(p.wide(), p.window, term, each.data(), workers);
+      box(each.data(), p.height, p.width, p.count, p.window, sums.data(), workers);
+      bool right = true;
+      for (int y = 0; y < p.height; ++y)
+        for (int x = 0; x < p.width; ++x)
+          for (int i = 0; i < p.count; ++i) {
+            int64_t sum = 0;
+            for (int dy = -p.window.above(); dy <= p.window.below(); ++dy)
+              for (int dx = -p.window.left(); dx <= p.window.right(); ++dx)
+                for (int c = 0; c < p.channels; ++c) {
+                  const int64_t l = p.at(p.left, y + dy, x + dx, c), r = p.at(p.right, y + dy, x + dx - p.first - i, c);
+                  sum += term == Term::product ? l * r : std::abs(l - r);
+                }
+            right = right && sums[(static_cast<size_t>(y) * p.width + x) * p.count + i] == sum;
+          }
+      // Columns beyond the image go on from its own edge, which is where the window of a match in view reaches.
+      bool all_in_view = true;
+      for (int x = 0; x < p.width; ++x)
+        for (int i = 0; i < p.count; ++i) all_in_view = all_in_view && p.in_view(x, i);
+      CHECK(right, p.told() + (all_in_view ? "" : " partly out of view"));
+    }
+  }
+}
+
+template <class T>
+void test_select() {
+  Random random{7};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 4), W = random.between(1, 12), D = random.between(1, 14), first = random.between(-14, 14);
+    const size_t size = static_cast<size_t>(H) * W;
+    std::vector<T> volume(size * D), cost(size), before(size), after(size), second(size);
+    std::vector<int32_t> index(size), right(size);
+    const auto in_view = [&](int x, int i) { return 0 <= x - first - i && x - first - i < W; };
+    for (size_t k = 0; k < volume.size(); ++k)
+      volume[k] = in_view(static_cast<int>(k / D % W), static_cast<int>(k % D)) ? static_cast<T>(random.below(5)) : worst_cost<T>();
+    const Workers workers{random.between(1, 5), [] { return false; }};
+    select_left<T>(volume.data(), H, W, D, first, {index.data(), cost.data(), before.data(), after.data(), second.data()}, workers);
+    select_right<T>(volume.data(), H, W, D, first, right.data(), workers);
+    bool lefts = true, rights = true;
+    for (int y = 0; y < H; ++y)
+      for (int x = 0; x < W; ++x) {
+        const size_t at = static_cast<size_t>(y) * W + x;
+        const std::vector<T> costs(volume.begin() + at * D, volume.begin() + (at + 1) * D);
+        const int i = naive_winner(costs);
+        T least = worst_cost<T>();
+        for (int k = 0; k < D; ++k)
+          if (i >= 0 && std::abs(k - i) > 1) least = std::min(least, costs[k]);
+        lefts = lefts && index[at] == i && cost[at] == (i < 0 ? worst_cost<T>() : costs[i]) &&
+                before[at] == (i > 0 ? costs[i - 1] : worst_cost<T>()) &&
+                after[at] == (i >= 0 && i + 1 < D ? costs[i + 1] : worst_cost<T>()) && second[at] == least;
+        std::vector<T> across(D, worst_cost<T>());
+        for (int k = 0; k < D; ++k)
+          if (0 <= x + first + k && x + first + k < W) across[k] = volume[(static_cast<size_t>(y) * W + x + first + k) * D + k];
+        rights = rights && right[at] == naive_winner(across);
+      }
+    CHECK(lefts, "round " + text(round));
+    CHECK(rights, "round " + text(round));
+  }
+}
+
+void test_texture() {
+  Random random{8};
+  for (int round = 0; round < 40; ++round) {
+    const Problem p = problem(random, round % 2 ? Pixels::fixed : Pixels::bytes, random.between(1, 7), random.between(1, 9),
+                              round % 3 ? 1 : 3, 0, 1, {random.between(1, 12), random.between(1, 12)});
+    std::vector<float> mean(static_cast<size_t>(p.height) * p.width);
+    texture(p.left.data(), p.height, p.width, p.channels, p.window, mean.data(), {random.between(1, 9), [] { return false; }});
+    bool right = true;
+    for (int y = 0; y < p.height; ++y)
+      for (int x = 0; x < p.width; ++x) {
+        double sum = 0;
+        for (int dy = -p.window.above(); dy <= p.window.below(); ++dy)
+          for (int dx = -p.window.left(); dx <= p.window.right(); ++dx)
+            for (int c = 0; c < p.channels; ++c) {
+              const int u = clamp(x + dx, 0, p.width - 1);
+              sum += std::abs(p.at(p.left, y + dy, u + 1, c) - p.at(p.left, y + dy, u - 1, c)) / 2.0;
+            }
+        const double expected = sum / (static_cast<double>(p.window.area()) * p.channels);
+        right = right && std::fabs(mean[y * p.width + x] - expected) <= 1e-6 * expected;
+      }
+    CHECK(right, p.told());
+  }
+}
+
+void test_speckle() {
+  Random random{9};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 9), W = random.between(1, 9), area = random.below(12);
+    const float difference = static_cast<float>(random.below(4)) * 0.5f;
+    std::vector<float> map;
+    for (int k = 0; k < H * W; ++k)
+      map.push_back(random.below(5) ? static_cast<float>(random.below(6)) * 0.5f : std::numeric_limits<float>::quiet_NaN());
+    std::vector<uint8_t> found(map.size());
+    speckle(map.data(), H, W, area, difference, found.data(), kAlone);
+    // Labels spread until nothing changes any more.
+    std::vector<int> label(map.size());
+    for (int k = 0; k < H * W; ++k) label[k] = k;
+    for (bool changed = true; changed;) {
+      changed = false;
+      for (int k = 0; k < H * W; ++k)
+        for (const int next : {k % W ? k - 1 : k, (k + 1) % W ? k + 1 : k, k >= W ? k - W : k, k + W < H * W ? k + W : k})
+          if (std::fabs(map[k] - map[next]) <= difference && label[next] < label[k]) {
+            label[k] = label[next];
+            changed = true;
+          }
+    }
+    bool right = true;
+    for (int k = 0; k < H * W; ++k) {
+      const auto pixels = std::count(label.begin(), label.end(), label[k]);
+      right = right && found[k] == (!std::isnan(map[k]) && pixels < area ? 1 : 0);
+    }
+    CHECK(right, text(H) + "x" + text(W) + " area " + text(area));
+  }
+}
+
+void test_median() {
+  Random random{10};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 9), W = random.between(1, 9), size = 2 * random.below(6) + 1;
+    std::vector<float> map, filtered(static_cast<size_t>(H) * W);
+    for (int k = 0; k < H * W; ++k)
+      map.push_back(random.below(4) ? static_cast<float>(random.between(-20, 20)) / 3.0f : std::numeric_limits<float>::quiet_NaN());
+    median(map.data(), H, W, size, filtered.data(), {random.between(1, 9), [] { return false; }});
+    bool right = true;
+    for (int y = 0; y < H; ++y)
+      for (int x = 0; x < W; ++x) {
+        std::vector<float> around;
+        for (int v = 0; v < H; ++v)
+          for (int u = 0; u < W; ++u)
+            if (std::abs(v - y) <= size / 2 && std::abs(u - x) <= size / 2 && !std::isnan(map[v * W + u]))
+              around.push_back(map[v * W + u]);
+        std::sort(around.begin(), around.end());
+        const size_t n = around.size();
+        const float got = filtered[y * W + x];
+        if (std::isnan(map[y * W + x]))
+          right = right && std::isnan(got);
+        else
+          right = right && got == (n % 2 ? around[n / 2] : 0.5f * (around[n / 2] + around[n / 2 - 1]));
+      }
+    CHECK(right, text(H) + "x" + text(W) + " size " + text(size));
+  }
+}
+
+void test_threads_do_not_matter() {
+  Random random{11};
+  for (const CostKind cost : kCosts) {
+    const Problem p = problem(random, Pixels::bytes, 23, 50, 1, -2, 20, {6, 7});
+    const bool narrow = cost != CostKind::zsad;
+    const FusedSettings s{cost, p.window, Subpixel::parabola, true, 1, true, 1.05};
+    for (const FusedKernel* kernel : available_kernels()) {
+      const Answer alone = stream(*kernel, p, s, narrow);
+      for (const int threads : {1, 2, 7, 22, 23, 24, 100}) {
+        Answer answer(static_cast<size_t>(p.height) * p.width);
+        match(narrow ? p.narrow() : p.wide(), s, narrow, *kernel, answer.out(), {threads, [] { return false; }});
+        CHECK(same(answer, alone), std::string(kernel->name) + " " + name(cost) + " on " + text(threads));
+      }
+    }
+  }
+}
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+void test_interruption() {
+  Random random{12};
+  const Problem p = problem(random, Pixels::bytes, 200, 700, 3, 0, 400, {61, 61});
+  for (const CostKind cost : kCosts)
+    for (const FusedKernel* kernel : available_kernels()) {
+      const FusedSettings s{cost, p.window, Subpixel::parabola, true, 1, true, 1.05};
+      Answer answer(static_cast<size_t>(p.height) * p.width);
+      const auto start = std::chrono::steady_clock::now();
+      bool interrupted = false;
+      try {
+        match(p.wide(), s, false, *kernel, answer.out(), {3, [] { return true; }});
+      } catch (const Interrupted&) {
+        interrupted = true;
+      }
+      const double seconds = seconds_since(start);
+      CHECK(interrupted && seconds < 5, std::string(kernel->name) + " " + name(cost) + " took " + std::to_string(seconds));
+      // A cancelled band leaves at once and touches nothing.
+      const Cancel cancel{true};
+      Answer untouched(answer.flags.size());
+      const Scratch scratch(kernel->scratch_bytes(p.wide(), s, false));
+      kernel->rows(p.wide(), s, false, untouched.out(), 0, p.height, scratch.memory, cancel);
+      CHECK(std::count(untouched.flags.begin(), untouched.flags.end(), 255) == static_cast<ptrdiff_t>(untouched.flags.size()),
+            std::string(kernel->name) + " " + name(cost));
+    }
+}
+
+void test_bands() {
+  for (const int rows : {1, 2, 7, 100})
+    for (const int threads : {1, 2, 3, 7, 200}) {
+      std::vector<std::atomic<int>> visits(rows);
+      parallel_rows(rows, threads, [] { return false; }, [&](int begin, int end, const Cancel&) {
+        for (int y = begin; y < end; ++y) ++visits[y];
+      });
+      CHECK(std::all_of(visits.begin(), visits.end(), [](int n) { return n == 1; }), text(rows) + " on " + text(threads));
+    }
+  bool thrown = false;
+  try {
+    parallel_rows(9, 4, [] { return false; }, [](int begin, int, const Cancel&) {
+      if (begin > 0) throw std::runtime_error("band");
+    });
+  } catch (const std::runtime_error& error) {
+    thrown = std::string(error.what()) == "band";
+  }
+  CHECK(thrown, "what a band throws reaches the caller");
+}
+
+void test_dispatch() {
+  const auto kernels = available_kernels();
+  CHECK(std::string(kernels.back()->name) == "generic", "the plain build comes last");
+  CHECK(&choose_kernel("") == kernels.front(), "no name: the best");
+  for (const FusedKernel* kernel : kernels) CHECK(&choose_kernel(kernel->name) == kernel, kernel->name);
+  bool refused = false;
+  try {
+    choose_kernel("mmx");
+  } catch (const std::invalid_argument& error) {
+    refused = std::string(error.what()).find("generic") != std::string::npos;
+  }
+  CHECK(refused, "an unknown name");
+}
+
+}  // namespace
+
+int main() {
+  const auto timed = [](const char* what, void (*test)()) {
+    const auto start = std::chrono::steady_clock::now();
+    test();
+    std::fprintf(stderr, "%-40s %6.2f s\n", what, seconds_since(start));
+  };
+  timed("dispatch", test_dispatch);
+  timed("bands", test_bands);
+  timed("grey", test_grey);
+  timed("terms and box", test_terms_and_box);
+  timed("select, whole costs", test_select<int64_t>);
+  timed("select, float costs", test_select<float>);
+  timed("texture", test_texture);
+  timed("speckle", test_speckle);
+  timed("median", test_median);
+  timed("ties", test_ties_go_to_the_first_candidate);
+  timed("small problems", test_small_problems);
+  timed("sizes around those of vectors", test_sizes_around_those_of_vectors);
+  timed("threads", test_threads_do_not_matter);
+  timed("interruption", test_interruption);
+  timed("bounds of sums", test_bounds_of_sums);
+  std::printf("%d passed, %d failed\n", passed, failed);
+  return failed ? EXIT_FAILURE : EXIT_SUCCESS;
+}

@@ -276,6 +276,8 @@ class Narrow {
     plane_ = arena_.template take<uint8_t>(4 * static_cast<size_t>(p_.width));
     right_best_ = arena_.template take<Scalar>(stats_ + kLanes);
     right_index_ = arena_.template take<int32_t>(stats_ + kLanes);
+    claim_least_ = arena_.template take<int32_t>(p_.width);
+    claim_most_ = arena_.template take<int32_t>(p_.width);
     winner_ = arena_.template take<int32_t>(p_.width);
     cost_ = arena_.template take<Scalar>(p_.width);
     before_ = arena_.template take<Scalar>(p_.width);
@@ -301,10 +303,7 @@ class Narrow {
       if (cancel.load(std::memory_order_relaxed)) return;
       change_rows({inside(y + s_.window.below()), 1, inside(y - 1 - s_.window.above()), -1});
       window_statistics();
-      if (s_.left_right)
-        match_row<true>();
-      else
-        match_row<false>();
+      match_row();
       finish_row(out, y);
     }
   }
@@ -604,9 +603,8 @@ class Narrow {
   // The vectors of candidates are taken in blocks: as many as fit the registers, then fewer.
   static int block_size(int rest) { return rest >= kBlock ? kBlock : rest >= kSmallBlock ? kSmallBlock : 1; }
 
-  template <bool Right>
   void match_row() {
-    if (Right)
+    if (s_.left_right)
       for (int j = 0; j < stats_; ++j) {
         right_best_[j] = ValueOf<T::is_float>::worst;
         right_index_[j] = -1;
@@ -617,17 +615,17 @@ class Narrow {
       for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
         const int size = block_size(vectors_ - v);
         if (size == kBlock)
-          match_block<Right, kBlock>(x, end, v);
+          match_block<kBlock>(x, end, v);
         else if (size == kSmallBlock)
-          match_block<Right, kSmallBlock>(x, end, v);
+          match_block<kSmallBlock>(x, end, v);
         else
-          match_block<Right, 1>(x, end, v);
+          match_block<1>(x, end, v);
       }
       take_winners(x, end);
-      if (Right) take_right_winners(x, end);
+      if (s_.left_right) take_right_winners(x, end);
       if (s_.uniqueness) take_second(x, end);
     }
-    if (Right)
+    if (s_.left_right)
       for (int j = 0; j < stats_; ++j) right_index_[j] += j - (p_.width - 1);  // from columns to candidates
   }
 
@@ -637,7 +635,7 @@ class Narrow {
     return lo <= at && past <= hi ? Sight::all : Sight::some;
   }
 
-  template <bool Right, int N>
+  template <int N>
   void match_block(int begin, int end, int first_vector) {
     const int at = first_vector * kLanes, past = at + N * kLanes;
     for (int x = begin; x < end;) {
@@ -646,20 +644,20 @@ class Narrow {
       while (run < end && sight(run, at, past) == see) ++run;
       switch (see) {
         case Sight::none:
-          match_run<Right, N, Sight::none>(x, run, x - begin, at);
+          match_run<N, Sight::none>(x, run, x - begin, at);
           break;
         case Sight::some:
-          match_run<Right, N, Sight::some>(x, run, x - begin, at);
+          match_run<N, Sight::some>(x, run, x - begin, at);
           break;
         case Sight::all:
-          match_run<Right, N, Sight::all>(x, run, x - begin, at);
+          match_run<N, Sight::all>(x, run, x - begin, at);
           break;
       }
       x = run;
     }
   }
 
-  template <bool Right, int N, Sight See>
+  template <int N, Sight See>
   STEREOPSIS_NOINLINE void match_run(const int begin, const int end, const int slot, const int at) {
     const int padded = padded_;
     const size_t pitch = stride();
@@ -711,7 +709,7 @@ class Narrow {
             }
           }
         }
-        if constexpr (See != Sight::none || Right) Simd::store(views.costs + j, value);
+        Simd::store(views.costs + j, value);
       });
       Simd::store(best, b);
       if (!T::keyed) Simd::store(best_index, bi);
@@ -798,16 +796,21 @@ class Narrow {
     const int from = (p_.width - end) / kLanes * kLanes, to = p_.width - 1 - begin + padded_;
     const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
     for (int j = from; j < to; j += kLanes) {
+      const int i = j - (p_.width - 1 - begin);  // candidate of pixel `begin` in the first lane; one more a pixel
+      const int first = most(0, 1 - kLanes - i), past = least(end - begin, padded_ - i);
+      const Scalar* STEREOPSIS_RESTRICT costs = costs_of(first) + i + first;
+      const float* STEREOPSIS_RESTRICT scale = left_scale_ + begin;
       Vector b = Simd::load(right_best_ + j);
-      I column = Simd::load(right_index_ + j);
-      for (int x = begin; x < end; ++x) {
-        const int i = j - (p_.width - 1 - x);
-        if (i <= -kLanes || i >= padded_) continue;
-        Vector value = Simd::load(costs_of(x - begin) + i);
-        if constexpr (T::keyed) value = Simd::mul(Simd::mask(value, keep), Simd::set(left_scale_[x]));
+      I column = Simd::load(right_index_ + j), x = Simd::set(begin + first);
+      const I one = Simd::set(1);
+      const size_t pitch = stride() + 1;
+      for (int slot = first; slot < past; ++slot, costs += pitch) {
+        Vector value = Simd::load(costs);
+        if constexpr (T::keyed) value = Simd::mul(Simd::mask(value, keep), Simd::set(scale[slot]));
         const M better = Simd::less(value, b);
         b = Simd::select(better, value, b);
-        column = Simd::select(better, Simd::set(x), column);
+        column = Simd::select(better, x, column);
+        x = Simd::add(x, one);
       }
       Simd::store(right_best_ + j, b);
       Simd::store(right_index_ + j, column);
@@ -830,7 +833,7 @@ class Narrow {
   }
 
   void finish_row(const FusedOutput& out, int y) {
-    RowWinners<Scalar> row{winner_, cost_, before_, after_, second_, right_index_};
+    RowWinners<Scalar> row{winner_, cost_, before_, after_, second_, {claim_least_, claim_most_}, right_index_};
     finish(p_, s_, row, out, y);
   }
 
@@ -850,7 +853,7 @@ class Narrow {
   float *left_scale_, *right_scale_, *norm_;
   int32_t *left_offset_, *right_offset_, *edge_, *edge_square_, *sum_, *square_, *mean_, *rest_, *about_;
   uint8_t *padded_new_, *padded_old_, *mirrored_new_, *mirrored_old_, *plane_;
-  int32_t *right_index_, *winner_;
+  int32_t *right_index_, *winner_, *claim_least_, *claim_most_;
   Scalar *cost_, *before_, *after_, *second_;
 };
 

@@ -1,6 +1,7 @@
 // From a row's winners to its disparities: the checks, the sub-pixel fit, the flags and the confidence.
 #pragma once
 
+#include <cstdlib>
 #include <limits>
 
 #include "fused.hpp"
@@ -16,26 +17,51 @@ constexpr T worst_cost() {
   return std::numeric_limits<T>::is_integer ? std::numeric_limits<T>::max() : std::numeric_limits<T>::infinity();
 }
 
+// Which left columns the right view's winners chose: by column the least and the greatest of their candidates.
+struct Claims {
+  int32_t *least, *most;  // most is -1 where nobody chose the column
+};
+
 template <class Scalar>
 struct RowWinners {
   const int32_t* winner;  // index of the winning candidate, or -1 where none is in view
   const Scalar *cost, *before, *after;
   const Scalar* second;        // least cost apart from the winner and its neighbours; with uniqueness alone
+  Claims claims;               // scratch of that check, a row long each
   const int32_t* right_index;  // winner of right pixel x - first - i at [width - 1 - x + i]; with the left-right check alone
 };
 
-// Whether the right view's winner at the match of pixel x, candidate i, agrees with it; if not, whether any candidate
-// of x would have been agreed with: then the match is wrong, else the pixel is hidden in the right view (Hirschmueller
-// 2008, doi:10.1109/TPAMI.2007.1166).
-inline uint8_t check_left_right(const int32_t* right, int i, int lo, int hi, float tolerance) {
-  const auto agrees = [&](int candidate) {
-    const int difference = right[candidate] - candidate;
-    return static_cast<float>(difference < 0 ? -difference : difference) <= tolerance;
-  };
-  if (agrees(i)) return 0;
-  bool any = false;
-  for (int k = lo; k < hi; ++k) any |= agrees(k);
-  return any ? kMismatched : kOccluded;
+inline void collect_claims(const Pair& pair, const int32_t* right_index, const Claims& claims) {
+  const int W = pair.width;
+  for (int x = 0; x < W; ++x) {
+    claims.least[x] = pair.count;
+    claims.most[x] = -1;
+  }
+  // Right pixel W - 1 - first - j for those j that a candidate can have.
+  const int begin = pair.first < 0 ? -pair.first : 0;
+  const int end = W - pair.first < W - 1 + pair.count ? W - pair.first : W - 1 + pair.count;
+  for (int j = begin; j < end; ++j) {
+    const int i = right_index[j];
+    if (i < 0) continue;
+    const int x = W - 1 - j + i;
+    if (i < claims.least[x]) claims.least[x] = i;
+    if (i > claims.most[x]) claims.most[x] = i;
+  }
+}
+
+// Whether the right view's winner at the match of pixel x, candidate i, agrees with it within `tolerance` columns; if not,
+// whether any candidate of x would have been agreed with: then the match is wrong, else the pixel is hidden in the right
+// view (Hirschmueller 2008, doi:10.1109/TPAMI.2007.1166).
+inline uint8_t check_left_right(const int32_t* right, const Claims& claims, int width, int x, int i, int lo, int hi,
+                                int tolerance) {
+  if (std::abs(right[i] - i) <= tolerance) return 0;
+  for (int other = x - tolerance > 0 ? x - tolerance : 0; other < width && other <= x + tolerance; ++other) {
+    // A right pixel that chose candidate k of column `other` is met by candidate k + x - other of column x. Only one end of
+    // the range can cut it off, so the claim that lies farthest from that end decides.
+    const int shift = x - other, k = shift <= 0 ? claims.most[other] : claims.least[other];
+    if (claims.most[other] >= 0 && k + shift >= lo && k + shift < hi) return kMismatched;
+  }
+  return kOccluded;
 }
 
 // Disparity and confidence of pixels [begin, end), all of which see a candidate, as if no check were on.
@@ -98,6 +124,9 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
     for (int x = begin; x < end; ++x) flags[x] = 0;
     return;
   }
+  if (settings.left_right) collect_claims(pair, row.right_index, row.claims);
+  // Candidates are whole, so what a tolerance has beyond whole pixels makes no difference.
+  const int tolerance = settings.tolerance < static_cast<float>(2 * W) ? static_cast<int>(settings.tolerance) : 2 * W;
   for (int x = begin; x < end; ++x) {
     uint8_t flag = 0;
     if (settings.uniqueness && row.second[x] < worst_cost<Scalar>() &&
@@ -105,8 +134,8 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
       flag |= kAmbiguous;
     if (settings.left_right) {
       const int beyond = x - pair.first - (W - 1), reach = x - pair.first + 1;
-      flag |= check_left_right(row.right_index + (W - 1 - x), row.winner[x], beyond > 0 ? beyond : 0,
-                               reach < pair.count ? reach : pair.count, settings.tolerance);
+      flag |= check_left_right(row.right_index + (W - 1 - x), row.claims, W, x, row.winner[x], beyond > 0 ? beyond : 0,
+                               reach < pair.count ? reach : pair.count, tolerance);
     }
     refuse(x, flag);
   }

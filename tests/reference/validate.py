@@ -1,0 +1,64 @@
+"""The definition of the checks, a pixel at a time."""
+
+import numpy as np
+
+from reference.cost import windows
+
+OCCLUDED, MISMATCHED = 1, 2
+
+
+def left_right(index, right, first, count, tolerance):
+    height, width = index.shape
+    flags = np.zeros(index.shape, np.uint8)
+    for y in range(height):
+        for x in range(width):
+
+            def agrees(i, y=y, x=x):
+                there = x - first - i
+                return 0 <= there < width and abs(right[y, there] - i) <= tolerance
+
+            if index[y, x] >= 0 and not agrees(index[y, x]):
+                flags[y, x] = MISMATCHED if any(agrees(i) for i in range(count)) else OCCLUDED
+    return flags
+
+
+def uniqueness(volume, first, perfect, margin):
+    """From the whole volume: does any candidate not next to the winner cost at most `margin` percent more?"""
+    height, width, count = volume.shape
+    ambiguous = np.zeros((height, width), bool)
+    for y in range(height):
+        for x in range(width):
+            seen = [i for i in range(count) if 0 <= x - first - i < width]
+            if seen:
+                best = min(seen, key=lambda i: (volume[y, x, i], i))
+                bound = (float(volume[y, x, best]) - perfect) * (1 + margin / 100)
+                ambiguous[y, x] = any(float(volume[y, x, i]) - perfect <= bound for i in seen if abs(i - best) > 1)
+    return ambiguous
+
+
+def texture(image, size):
+    last = image.shape[1] - 1
+    x = np.arange(image.shape[1])
+    pixels = image.astype(np.float64)
+    gradient = abs(pixels[:, np.minimum(x + 1, last)] - pixels[:, np.maximum(x - 1, 0)]) / 2
+    return windows(gradient, size).mean(axis=(2, 3, 4))
+
+
+def speckle(disparity, area, difference):
+    """Label every pixel, and spread the smallest label until nothing changes."""
+    height, width = disparity.shape
+    label = {(y, x): y * width + x for y, x in np.argwhere(~np.isnan(disparity)).tolist()}
+    changed = True
+    while changed:
+        changed = False
+        for y, x in label:
+            for near in ((y, x - 1), (y, x + 1), (y - 1, x), (y + 1, x)):
+                joined = near in label and abs(disparity[near] - disparity[y, x]) <= difference
+                if joined and label[near] < label[y, x]:
+                    label[y, x] = label[near]
+                    changed = True
+    sizes = list(label.values())
+    found = np.zeros(disparity.shape, bool)
+    for at, name in label.items():
+        found[at] = sizes.count(name) < area
+    return found

@@ -1,0 +1,171 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+from reference import select as winners
+from reference import validate as reference
+from stereopsis import Flag, select, validate
+
+N = np.nan
+SEEDS = some.integers(0, 2**32)
+
+
+# ---- uniqueness ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cost", "second", "perfect", "margin", "ambiguous"),
+    [
+        (100, 105, 0, 5, True),
+        (100, 106, 0, 5, False),
+        (100, 100, 0, 0, True),
+        (100, 101, 0, 0, False),
+        (0, 0, 0, 0, True),
+        (0, 1, 0, 50, False),
+        # 1 - correlation: 0.5 against 0.75 is 50 % more
+        (-0.5, -0.25, -1, 50, True),
+        (-0.5, -0.25, -1, 49, False),
+        (-1, -1, -1, 0, True),
+    ],
+)
+def test_uniqueness_by_hand(cost, second, perfect, margin, ambiguous):
+    dtype = np.int64 if perfect == 0 else np.float32
+    got = validate.uniqueness(np.array([[cost]], dtype), np.array([[second]], dtype), perfect, margin)
+    assert got.item() is ambiguous
+
+
+@pytest.mark.parametrize(("dtype", "none"), [(np.int64, np.iinfo(np.int64).max), (np.float32, np.inf)])
+def test_without_a_second_candidate_the_winner_is_unique(dtype, none):
+    second = np.array([[none]], dtype)
+    for cost in (0, 10**9, none):
+        assert not validate.uniqueness(np.array([[cost]], dtype), second, 0, 10).any()
+
+
+@given(
+    shape=some.tuples(some.integers(1, 3), some.integers(1, 9), some.integers(1, 9)),
+    first=some.integers(-9, 9),
+    margin=some.sampled_from([0, 5, 33.3, 100, 1e6]),
+    seed=SEEDS,
+)
+@settings(max_examples=80, deadline=None)
+def test_uniqueness_of_any_volume(shape, first, margin, seed):
+    volume = np.random.default_rng(seed).integers(0, 30, shape)
+    there = np.arange(shape[1])[:, None] - first - np.arange(shape[2])
+    volume[:, (there < 0) | (there >= shape[1])] = np.iinfo(np.int64).max
+    won = select.left(volume, first)
+    np.testing.assert_array_equal(
+        validate.uniqueness(won.cost, won.second, 0.0, margin), reference.uniqueness(volume, first, 0.0, margin)
+    )
+
+
+# ---- left-right ------------------------------------------------------------------------------------------------------
+
+
+def test_left_right_by_hand():
+    # first = 0, candidates 0 ... 3. Pixel 3 says 2, its match 1 says 2: fine. Pixel 2 says 1, its match 1 says 2: off by one.
+    index, right = np.array([[0, 1, 1, 2]], np.int32), np.array([[0, 2, 0, 3]], np.int32)
+    np.testing.assert_array_equal(validate.left_right(index, right, 0, 4, 1)[0], [0, 0, 0, 0])
+    # At tolerance 0: pixel 1 and its match 0 (answer 0) differ; no candidate of it is answered: match 1 says 2, match 0 says 0.
+    # Pixel 2: candidate 0 matches 2, which says 0: a wrong match. Pixel 3 agrees.
+    np.testing.assert_array_equal(
+        validate.left_right(index, right, 0, 4, 0)[0], [0, Flag.OCCLUDED, Flag.MISMATCHED, 0]
+    )
+
+
+def test_left_right_leaves_alone_what_has_no_winner():
+    index = np.full((1, 3), -1, np.int32)
+    assert not validate.left_right(index, index, 5, 2, 0).any()
+
+
+@given(
+    height=some.integers(1, 4),
+    width=some.integers(1, 12),
+    first=some.integers(-8, 8),
+    count=some.integers(1, 10),
+    tolerance=some.sampled_from([0, 0.5, 1, 1.5, 2, 100]),
+    seed=SEEDS,
+)
+@settings(max_examples=120, deadline=None)
+def test_left_right_of_any_volume(height, width, first, count, tolerance, seed):
+    volume = np.random.default_rng(seed).integers(0, 9, (height, width, count)).astype(np.float32)
+    index, right = winners.left(volume, first)[0].astype(np.int32), winners.right(volume, first).astype(np.int32)
+    np.testing.assert_array_equal(
+        validate.left_right(index, right, first, count, tolerance),
+        reference.left_right(index, right, first, count, tolerance),
+    )
+
+
+# ---- texture ---------------------------------------------------------------------------------------------------------
+
+
+def test_texture_by_hand():
+    image = np.array([[0, 2, 10, 10]], np.uint8)[..., None]
+    # |2 - 0| / 2 at the left edge, |10 - 0| / 2, |10 - 2| / 2, |10 - 10| / 2
+    np.testing.assert_array_equal(validate.texture(image, (1, 1)), [[1, 5, 4, 0]])
+    np.testing.assert_allclose(validate.texture(image, (3, 1)), [[7 / 3, 10 / 3, 3, 4 / 3]], rtol=1e-6)
+    np.testing.assert_allclose(validate.texture(image, (2, 5)), [[1, 3, 4.5, 2]], rtol=1e-6)
+
+
+@given(
+    shape=some.tuples(some.integers(1, 7), some.integers(1, 9), some.sampled_from([1, 3])),
+    window=some.tuples(some.integers(1, 15), some.integers(1, 15)),
+    top=some.sampled_from([2, 256, 65536, 2**21]),
+    threads=some.integers(0, 9),
+    seed=SEEDS,
+)
+@settings(max_examples=100, deadline=None)
+def test_texture_of_any_image(shape, window, top, threads, seed):
+    image = np.random.default_rng(seed).integers(-top if top > 65536 else 0, top, shape).astype(np.int32)
+    got = validate.texture(image, window, threads)
+    np.testing.assert_allclose(got, reference.texture(image, window), rtol=1e-6, atol=1e-9)
+
+
+def test_texture_of_the_largest_gradient():
+    image = np.tile(np.array([0, 0, 2**21, 2**21], np.int32), (4, 8))[..., None]
+    image = image * 2 - 2**21
+    expected = reference.texture(image, (255, 255))
+    np.testing.assert_allclose(validate.texture(image.astype(np.int32), (255, 255)), expected, rtol=1e-6)
+
+
+# ---- speckle ---------------------------------------------------------------------------------------------------------
+
+
+def test_speckle_by_hand():
+    disparity = np.array(
+        [
+            [1, 1, N, 9],
+            [1, 2, 9, N],
+            [N, N, 5, 5],
+        ],
+        np.float32,
+    )
+    four = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]], bool)
+    np.testing.assert_array_equal(validate.speckle(disparity, 1, 1.0), four)
+    # Diagonal neighbours are not joined, so both nines are alone; the fives are two; the ones and the two are four.
+    alone = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [0, 0, 0, 0]], bool)
+    np.testing.assert_array_equal(validate.speckle(disparity, 2, 1.0), alone)
+    pairs = alone | np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 1]], bool)
+    np.testing.assert_array_equal(validate.speckle(disparity, 3, 1.0), pairs)
+    # Less than one pixel apart, the two is alone too.
+    two = np.array([[0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 0]], bool)
+    np.testing.assert_array_equal(validate.speckle(disparity, 2, 0.5), alone | two)
+    np.testing.assert_array_equal(validate.speckle(disparity, 5, 1.0), ~np.isnan(disparity))
+
+
+@given(
+    shape=some.tuples(some.integers(1, 8), some.integers(1, 8)),
+    area=some.integers(0, 20),
+    difference=some.sampled_from([0, 0.5, 1, 3]),
+    seed=SEEDS,
+)
+@settings(max_examples=100, deadline=None)
+def test_speckle_of_any_map(shape, area, difference, seed):
+    rng = np.random.default_rng(seed)
+    disparity = (rng.integers(-4, 4, shape) / 2).astype(np.float32)
+    disparity[rng.random(shape) < 0.2] = N
+    before = disparity.copy()
+    np.testing.assert_array_equal(
+        validate.speckle(disparity, area, difference), reference.speckle(disparity, area, difference)
+    )
+    np.testing.assert_array_equal(disparity, before)

@@ -638,6 +638,9 @@ class Narrow {
   template <int N>
   void match_block(int begin, int end, int first_vector) {
     const int at = first_vector * kLanes, past = at + N * kLanes;
+    // Pixels that see all candidates of a block lie side by side: mostly the whole chunk does.
+    if (sight(begin, at, past) == Sight::all && sight(end - 1, at, past) == Sight::all)
+      return match_run<N, Sight::all>(begin, end, 0, at);
     for (int x = begin; x < end;) {
       const Sight see = sight(x, at, past);
       int run = x + 1;
@@ -782,10 +785,14 @@ class Narrow {
   STEREOPSIS_NOINLINE int first_least(int x, const Scalar* costs) const {
     const int lo = first_seen(x), hi = end_seen(x);
     if (left_scale_[x] == 0) return lo;  // a left window without texture: all are equal
-    int winner = lo;
-    for (int i = lo + 1; i < hi; ++i)
-      if (coarse(costs[i]) < coarse(costs[winner])) winner = i;
-    return winner;
+    const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
+    Vector least = splat(ValueOf<T::is_float>::worst);
+    for (int i = lo / kLanes * kLanes; i < hi; i += kLanes)
+      least = Simd::min(Simd::mask(Simd::load(costs + i), keep), least);
+    const Scalar wanted = Simd::reduce_min(least);
+    int i = lo;
+    while (coarse(costs[i]) != wanted) ++i;
+    return i;
   }
 
   static STEREOPSIS_INLINE Vector splat(Scalar v) { return Simd::set(v); }
@@ -827,7 +834,12 @@ class Narrow {
       const Scalar* costs = costs_of(x - begin);
       Vector m = splat(ValueOf<T::is_float>::worst);
       for (int i = first_seen(x) / kLanes * kLanes; i < end_seen(x); i += kLanes) m = Simd::min(Simd::load(costs + i), m);
-      const Scalar second = Simd::reduce_min(m);
+      Simd::store(best_ + static_cast<size_t>(x - begin) * padded_, m);
+    }
+    Scalar least[kChunk];
+    Simd::row_minima(best_, padded_, least);
+    for (int x = begin; x < end; ++x) {
+      const Scalar second = least[x - begin];
       second_[x] = second < ValueOf<T::is_float>::worst ? plain(second, T::keyed ? left_scale_[x] : 1.0f) : second;
     }
   }

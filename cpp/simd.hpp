@@ -106,6 +106,9 @@ struct Simd {
     const I order = _mm512_setr_epi32(0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15);
     store(minima, _mm512_permutexvar_ps(order, a[0]));
   }
+  static STEREOPSIS_INLINE void row_minima(const int32_t* rows, size_t pitch, int32_t* minima) {
+    for (int r = 0; r < 16; ++r) minima[r] = _mm512_reduce_min_epi32(load(rows + r * pitch));
+  }
   static STEREOPSIS_INLINE float reduce_min(F a) { return _mm512_reduce_min_ps(a); }
   static STEREOPSIS_INLINE int32_t reduce_min(I a) { return _mm512_reduce_min_epi32(a); }
   static STEREOPSIS_INLINE M equal(F a, F b) { return _mm512_cmp_ps_mask(a, b, _CMP_EQ_OQ); }
@@ -182,9 +185,6 @@ struct Simd {
   static STEREOPSIS_INLINE I select(M m, I yes, I no) { return _mm256_blendv_epi8(no, yes, m.v); }
   static STEREOPSIS_INLINE F min(F a, F b) { return _mm256_min_ps(a, b); }
   static STEREOPSIS_INLINE I min(I a, I b) { return _mm256_min_epi32(a, b); }
-  static STEREOPSIS_INLINE void row_minima(const float* rows, size_t pitch, float* minima) {
-    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(load(rows + r * pitch));
-  }
   static STEREOPSIS_INLINE float reduce_min(F a) {
     __m128 m = _mm_min_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
     m = _mm_min_ps(m, _mm_movehl_ps(m, m));
@@ -194,6 +194,10 @@ struct Simd {
     __m128i m = _mm_min_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
     m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4E));
     return _mm_cvtsi128_si32(_mm_min_epi32(m, _mm_shuffle_epi32(m, 0xB1)));
+  }
+  template <class T>
+  static STEREOPSIS_INLINE void row_minima(const T* rows, size_t pitch, T* minima) {
+    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(load(rows + r * pitch));
   }
   static STEREOPSIS_INLINE M equal(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_EQ_OQ))}; }
   static STEREOPSIS_INLINE M equal(I a, I b) { return {_mm256_cmpeq_epi32(a, b)}; }
@@ -289,7 +293,8 @@ struct Simd {
     for (int i = 1; i < lanes; ++i) m = a.v[i] < m ? a.v[i] : m;
     return m;
   }
-  static STEREOPSIS_INLINE void row_minima(const float* rows, size_t pitch, float* minima) {
+  template <class T>
+  static STEREOPSIS_INLINE void row_minima(const T* rows, size_t pitch, T* minima) {
     for (int r = 0; r < 16; ++r) minima[r] = reduce_min(load(rows + r * pitch));
   }
   static STEREOPSIS_INLINE M equal(const F& a, const F& b) { STEREOPSIS_EACH(M, -(a.v[i] == b.v[i])); }

@@ -166,7 +166,9 @@ Naive naive_cost(const Problem& p, CostKind kind, int y, int x, int i) {
     case CostKind::zncc: {
       // Exactly constant windows have no norm; the sums above are exact enough to tell.
       const bool flat = zll < 1e-6 || zrr < 1e-6;
-      return {0, flat ? 0 : -zlr / std::sqrt(zll * zrr), 1};
+      // In 32-bit arithmetic the covariance is rounded where it is still as large as the windows' area times a pixel.
+      const double norm = std::sqrt(zll * zrr), pixels = static_cast<double>(p.window.area()) * p.channels;
+      return {0, flat ? 0 : -zlr / norm, flat ? 1 : 1 + (p.fits() ? 2 * pixels / norm : 0)};
     }
   }
   return {0, 0, 0};

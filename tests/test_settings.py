@@ -1,0 +1,322 @@
+import dataclasses
+import json
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+import stereopsis as st
+from stereopsis import Disparities, Settings
+from stereopsis.settings import COSTS, DEFAULT_PRESET, KEEP, PRESETS, as_disparities, named, window_size
+
+PLAIN = Settings()
+sides = some.integers(1, 255)
+numbers = some.none() | some.integers(0, 100) | some.floats(0, 1e9, allow_subnormal=True)
+any_settings = some.builds(
+    Settings,
+    disparities=some.none() | some.tuples(some.integers(-1000, 0), some.integers(1, 1000)),
+    cost=some.builds(
+        lambda cost, window: cost(window), some.sampled_from(list(COSTS.values())), sides | some.tuples(sides, sides)
+    ),
+    channels=some.sampled_from(["grey", "separate"]),
+    subpixel=some.sampled_from([None, "parabola", "equiangular"]),
+    left_right=numbers,
+    uniqueness=numbers,
+    texture=numbers,
+    median=some.none() | some.integers(0, 127).map(lambda half: 2 * half + 1),
+    speckle=some.none() | some.integers(0, 10**6) | some.tuples(some.integers(0, 2**31 - 1), some.floats(0, 1e6)),
+    fill=some.sampled_from([None, "background"]),
+    threads=some.integers(0, 4096),
+    keep=some.sets(some.sampled_from(KEEP)).map(lambda kept: tuple(sorted(kept))),
+    preset=some.sampled_from([None, *PRESETS]),
+)
+
+
+# ---- windows ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("window", "size"),
+    [
+        (7, (7, 7)),
+        ("7", (7, 7)),
+        ("31x15", (31, 15)),
+        ("31X15", (31, 15)),
+        ((31, 15), (31, 15)),
+        ([31, 15], (31, 15)),
+        (np.int64(9), (9, 9)),
+        ((1, 255), (1, 255)),
+    ],
+)
+def test_windows(window, size):
+    assert window_size(window) == size
+    assert st.SAD(window).size == size
+
+
+def test_equal_windows_are_equal_costs():
+    assert st.ZNCC(9) == st.ZNCC((9, 9)) == st.ZNCC("9x9")
+    assert hash(st.ZNCC(9)) == hash(st.ZNCC("9"))
+    assert st.ZNCC(9) != st.ZSSD(9)
+    assert st.ZNCC((9, 7)) != st.ZNCC((7, 9))
+    assert st.ZNCC(window=9).window == 9
+
+
+@pytest.mark.parametrize("text", ["0", "256", "-3", "3.5", "x", "3x", "x3", "3x4x5", "three", "", " "])
+def test_windows_that_are_none(text):
+    with pytest.raises(ValueError, match="window must be"):
+        window_size(text)
+
+
+# ---- construction ----------------------------------------------------------------------------------------------------
+
+
+def test_plain_settings_switch_nothing_on():
+    assert PLAIN.cost == st.ZNCC(21)
+    assert PLAIN.subpixel == "parabola"
+    assert PLAIN.threads == 0
+    assert PLAIN.channels == "grey"
+    for name in ("disparities", "left_right", "uniqueness", "texture", "median", "speckle", "fill", "preset"):
+        assert getattr(PLAIN, name) is None
+    assert PLAIN.keep == ()
+
+
+def test_values_are_normalised():
+    made = Settings(disparities=[0, np.int32(9)], cost="SAD", left_right=1, speckle=50, keep="costs", median=np.int8(3))
+    assert made == Settings(
+        disparities=(0, 9), cost=st.SAD(), left_right=1.0, speckle=(50, 1.0), keep=("costs",), median=3
+    )
+    assert isinstance(made.disparities, Disparities)
+    assert isinstance(made.left_right, float)
+    assert type(made.median) is int
+
+
+def test_settings_do_not_change():
+    for name in ("cost", "threads", "preset"):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(PLAIN, name, None)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        PLAIN.cost.window = 3
+    with pytest.raises(TypeError):
+        PRESETS["mine"] = PLAIN
+    assert PLAIN.changed(threads=3) is not PLAIN
+    assert PLAIN.threads == 0
+
+
+@given(any_settings)
+def test_settings_hash_and_pickle(made):
+    again = pickle.loads(pickle.dumps(made))
+    assert again == made
+    assert hash(again) == hash(made)
+
+
+# ---- changes ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_cost_by_name_keeps_the_window():
+    start = Settings(cost=st.ZNCC((25, 9)))
+    assert start.changed(cost="sad").cost == st.SAD((25, 9))
+    assert start.changed(cost=st.SAD()).cost == st.SAD(21)
+    assert start.changed(window=7).cost == st.ZNCC(7)
+    assert start.changed(cost="ssd", window="5x3").cost == st.SSD((5, 3))
+    assert start.changed(cost=st.SSD(11), window=(5, 3)).cost == st.SSD((5, 3))
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("left-right", "left_right"), ("treads", "threads"), ("windows", "window"), ("costs", "cost"), ("unique", "uniqueness")],
+)
+def test_an_unknown_setting_is_named_with_the_nearest(name, nearest):
+    for attempt in (lambda: PLAIN.changed(**{name: 1}), lambda: Settings.make(assignments=[f"{name}=1"])):
+        with pytest.raises(ValueError, match=f"unknown setting '{name}'; did you mean '{nearest}'"):
+            attempt()
+
+
+def test_a_setting_near_none_is_told_them_all():
+    with pytest.raises(ValueError, match=r"unknown setting 'qqq'; known are disparities, .*window"):
+        PLAIN.changed(qqq=1)
+
+
+# ---- presets ---------------------------------------------------------------------------------------------------------
+
+
+def test_presets_name_themselves():
+    assert DEFAULT_PRESET in PRESETS
+    for name, preset in PRESETS.items():
+        assert preset.preset == name
+        assert named(name) is preset
+        assert Settings.make(name) == preset
+
+
+def test_an_unknown_preset_is_named_with_the_nearest():
+    with pytest.raises(ValueError, match="unknown preset 'fsat'; did you mean 'fast'"):
+        named("fsat")
+    with pytest.raises(ValueError, match="unknown preset 'zzz'; known are fast"):
+        Settings.make("zzz")
+
+
+def test_a_changed_preset_still_says_where_it_came_from():
+    assert named("fast").changed(median=None).preset == "fast"
+
+
+# ---- text ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("assignment", "changes"),
+    [
+        ("cost=sad", {"cost": st.SAD(21)}),
+        ("cost=ZSSD", {"cost": st.ZSSD(21)}),
+        ("window=31x15", {"cost": st.ZNCC((31, 15))}),
+        ("window = 5", {"cost": st.ZNCC(5)}),
+        ("channels=separate", {"channels": "separate"}),
+        ("subpixel=equiangular", {"subpixel": "equiangular"}),
+        ("subpixel=none", {"subpixel": None}),
+        ("left_right=none", {"left_right": None}),
+        ("left_right=off", {"left_right": None}),
+        ("left_right=1.5", {"left_right": 1.5}),
+        ("left_right=0", {"left_right": 0.0}),
+        ("uniqueness=2e1", {"uniqueness": 20.0}),
+        ("texture=NONE", {"texture": None}),
+        ("median=5", {"median": 5}),
+        ("speckle=100", {"speckle": (100, 1.0)}),
+        ("speckle=100,0.5", {"speckle": (100, 0.5)}),
+        ("speckle=100, 2", {"speckle": (100, 2.0)}),
+        ("disparities=-16:48", {"disparities": (-16, 48)}),
+        ("disparities=none", {"disparities": None}),
+        ("fill=background", {"fill": "background"}),
+        ("threads=2", {"threads": 2}),
+        ("keep=costs,texture", {"keep": ("costs", "texture")}),
+        ("keep=costs", {"keep": ("costs",)}),
+        ("keep=", {"keep": ()}),
+    ],
+)
+def test_assignments(assignment, changes):
+    start = "fast"
+    expected = named(start).changed(**changes) if "cost" not in changes else None
+    if expected is None:
+        assert Settings.make(assignments=[assignment]) == Settings(**changes)
+    else:
+        assert Settings.make(start, assignments=[assignment]) == expected
+
+
+def test_the_later_assignment_wins():
+    assert Settings.make(assignments=["median=3", "median=5"]).median == 5
+    assert Settings.make(assignments=["cost=sad", "window=5"]).cost == st.SAD(5)
+    assert Settings.make(assignments=["window=5", "cost=sad"]).cost == st.SAD(5)
+    assert Settings.make("fast", assignments=["median=5"], median=7).median == 7
+    assert Settings.make(assignments=["preset=fast", "median=5"]) == named("fast").changed(median=5)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("cost", "NAME=VALUE, not 'cost'"),
+        ("cost=zncx", "cost must be one of .*did you mean 'zncc'"),
+        ("window=0", "window must be"),
+        ("window=none", "window"),
+        ("disparities=48", "disparities must be MIN:MAX"),
+        ("disparities=a:b", "disparities must be MIN:MAX"),
+        ("disparities=9:3", "disparities must be .*min < max"),
+        ("median=4", "median must be an odd number"),
+        ("median=3.0", "median must be an odd number"),
+        ("median=three", "median must be a number"),
+        ("left_right=-1", "left_right must be"),
+        ("left_right=nan", "left_right must be"),
+        ("uniqueness=inf", "uniqueness must be"),
+        ("speckle=a,b", "speckle must be a number"),
+        ("speckle=1,2,3", "speckle must be"),
+        ("threads=-1", "threads must be"),
+        ("threads=none", "threads must be"),
+        ("keep=cost", "keep knows .*did you mean 'costs'"),
+        ("fill=sky", "fill must be"),
+        ("cost=none", "cost must be"),
+        ("channels=none", "channels must be"),
+        ("preset=slow", "unknown preset 'slow'"),
+    ],
+)
+def test_assignments_that_are_refused(assignment, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        Settings.make(assignments=[assignment])
+
+
+# ---- TOML ------------------------------------------------------------------------------------------------------------
+
+
+@given(any_settings)
+@settings(deadline=None)
+def test_toml_gives_the_same_settings_back(made):
+    assert Settings.from_toml(made.to_toml()) == made
+
+
+@given(any_settings)
+def test_a_dict_survives_json(made):
+    as_json = json.loads(json.dumps(made.to_dict(), allow_nan=False))
+    assert as_json["cost"] == {"name": type(made.cost).__name__.lower(), "window": list(made.cost.size)}
+    assert set(as_json) == {field.name for field in dataclasses.fields(Settings)}
+
+
+def test_toml_by_hand():
+    text = 'cost = "sad"\nwindow = [31, 15]\nleft_right = 1\nspeckle = [50, 0.5]\ndisparities = [-3, 9]\nmedian = "none"\n'
+    assert Settings.from_toml(text) == Settings(
+        cost=st.SAD((31, 15)), left_right=1, speckle=(50, 0.5), disparities=(-3, 9)
+    )
+    assert Settings.from_toml("") == PLAIN
+    assert Settings.from_toml('preset = "fast"\nmedian = 5') == named("fast").changed(median=5)
+    assert Settings.from_toml("window = 7").cost == st.ZNCC(7)
+    assert Settings.from_toml('window = "7x9"').cost == st.ZNCC((7, 9))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("cost = ", "is not TOML"),
+        ("cost = 5", "cost must be"),
+        ("[match]\ncost = 5", "unknown setting 'match'"),
+        ("leftright = 1", "did you mean 'left_right'"),
+        ("window = [1, 2, 3]", "window must be"),
+        ("disparities = [0.5, 3]", "disparities must be"),
+        ("threads = true", "threads must be"),
+        ('preset = "slow"', "unknown preset"),
+        ("preset = 5", "preset"),
+        ("left_right = nan", "left_right must be"),
+        ("keep = [[]]", "keep knows"),
+        ("median = 1979-05-27", "median must be"),
+        ("a" * 100 + " = " + "[" * 5000, "is not TOML"),
+    ],
+)
+def test_toml_that_is_refused(text, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        Settings.from_toml(text)
+
+
+def test_a_file_then_assignments_then_keywords(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('preset = "fast"\ncost = "sad"\nmedian = 5\ntexture = 1\n', encoding="utf-8")
+    made = Settings.make(file=path, assignments=["median=7"], texture=2)
+    assert made == named("fast").changed(cost="sad", median=7, texture=2)
+    assert Settings.make(file=str(path)).median == 5
+
+
+def test_files_that_are_refused(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        Settings.make(file=tmp_path / "none.toml")
+    path = tmp_path / "bad.toml"
+    path.write_bytes(b"cost = \xff")
+    with pytest.raises(ValueError, match=r"bad\.toml"):
+        Settings.make(file=path)
+    path.write_bytes(b"cost = = 3")
+    with pytest.raises(ValueError, match=r"bad\.toml is not TOML"):
+        Settings.make(file=path)
+
+
+# ---- ranges ----------------------------------------------------------------------------------------------------------
+
+
+def test_ranges():
+    assert as_disparities((0, 64)) == Disparities(0, 64)
+    assert as_disparities(range(-3, 9)) == (-3, 9)
+    assert as_disparities([np.int16(1), 2]).span == 1
+    assert as_disparities(Disparities(2, 5)) == (2, 5)
+    assert as_disparities((-(2**24), 2**24)).span == 2**25

@@ -9,7 +9,7 @@ DATA   ?= $(or $(STEREOPSIS_DATA),../shared/data)
 
 # What the compiled core is made from.
 CORE := pyproject.toml CMakeLists.txt $(shell find cpp -name tests -prune -o -type f -print)
-CODE := src tests benchmarks docs
+CODE := src tests benchmarks docs examples
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:

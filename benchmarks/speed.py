@@ -4,8 +4,9 @@
     python benchmarks/speed.py LEFT RIGHT             # a pair of your own
     python benchmarks/speed.py --repeats 41
 
-Each line times two things in turn, A B A B ..., and prints the median of the ratios A / B with their quartiles. OpenCV is
-held to one thread. A machine shared with others disturbs single times more than ratios of neighbours.
+Each line times two things in turn, A B A B ..., and prints the median of the ratios A / B with their
+quartiles. OpenCV is held to one thread. A machine shared with others disturbs single times more than ratios
+of neighbours.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class Ratio:
     def text(self) -> str:
         low, middle, high = statistics.quantiles(self.quotients, n=4)
         times = f"{1e3 * self.first:.1f} ÷ {1e3 * self.second:.1f} ms"
-        return f"{middle:.2f} | {low:.2f}–{high:.2f} | {times}"
+        return f"{middle:.2f} | {low:.2f} to {high:.2f} | {times}"
 
 
 def paired(first: Task, second: Task, repeats: int) -> Ratio:
@@ -133,8 +134,8 @@ def machine() -> list[str]:
         pass
     return [
         f"{model}, {os.cpu_count()} cores; instruction sets {', '.join(_fused.instruction_sets())}",
-        f"stereopsis {st.__version__}, OpenCV {cv2.__version__}, NumPy {np.__version__}, Python {platform.python_version()}, "
-        f"{platform.system()}",
+        f"stereopsis {st.__version__}, OpenCV {cv2.__version__}, NumPy {np.__version__}, "
+        f"Python {platform.python_version()}, {platform.system()}",
     ]
 
 
@@ -188,7 +189,7 @@ def main() -> None:
     for line in machine():
         print(line)
     rows, columns = left.shape
-    print(f"{what}, {columns} × {rows}, {DISPARITIES[1]} disparities, 8-bit grey, {repeats} pairs of runs\n")
+    print(f"{what}, {columns} x {rows}, {DISPARITIES[1]} disparities, 8-bit grey, {repeats} pairs of runs\n")
     print(
         "| what | wanted at most | median ratio | quartiles | medians |\n| --- | ---: | ---: | ---: | ---: |"
     )
@@ -198,18 +199,20 @@ def main() -> None:
     if sys.platform == "linux":
         height, width, count = LARGE
         name = (
-            f"peak memory beyond inputs and outputs, {width} × {height}, {count} disparities, 1 thread, MiB"
+            f"peak memory beyond inputs and outputs, {width} x {height}, {count} disparities, 1 thread, MiB"
         )
         print(f"| {name} | 64 | {peak_memory():.1f} | | |")
 
     candidates = rows * columns * DISPARITIES[1]
     arithmetic, bandwidth = operation_rate(), copy_rate(columns * DISPARITIES[1])
     print(
-        "\nFloors of one core: the innermost loop's vector operations at the rate of a matrix product's multiply-adds; reading\n"
-        "and writing every window sum once at the rate of a copy within the cache that holds them.\n"
+        "\nFloors of one core: the innermost loop's vector operations at the rate of a matrix product's\n"
+        "multiply-adds; reading and writing every window sum once at the rate of a copy within the cache\n"
+        "that holds them.\n"
     )
     print(
-        "| kernel | arithmetic floor | bandwidth floor | taken | of the larger floor |\n| --- | ---: | ---: | ---: | ---: |"
+        "| kernel | arithmetic floor | bandwidth floor | taken | of the larger floor |\n"
+        "| --- | ---: | ---: | ---: | ---: |"
     )
     for name, task in costs.items():
         taken = statistics.median(_seconds(task) for _ in range(repeats))

@@ -64,7 +64,7 @@ void require_shape(const AnyArray& array, Sides... sides) {
 
 template <class T>
 void match_pair(const Array<const T, 3>& left, const Array<const T, 3>& right, int first, int count, int cost, int window_width,
-                int window_height, int subpixel, std::optional<float> left_right, std::optional<double> uniqueness,
+                int window_height, int subpixel, std::optional<double> left_right, std::optional<double> uniqueness,
                 const Array<float, 2>& disparity, const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags,
                 int threads, const std::string& instructions) {
   const Pair pair = pair_of(left, right, first, count);
@@ -144,8 +144,9 @@ NB_MODULE(_core, m) {
     return names;
   });
 
-  m.def("match", &match_pair<uint8_t>);
-  m.def("match", &match_pair<int32_t>);
+  // Two names, not one: where an argument needs converting, a call may else end up with the wrong kind of pixels.
+  m.def("match_narrow", &match_pair<uint8_t>);
+  m.def("match_wide", &match_pair<int32_t>);
 
   bind_grey<uint8_t>(m);
   bind_grey<int32_t>(m);

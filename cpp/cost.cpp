@@ -91,7 +91,7 @@ void fill_volume(const Pair& pair, T* costs, const Workers& workers, Cost cost) 
   const int W = pair.width, D = pair.count;
   parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
-      for (int x = 0; x < W; ++x) {
+      for (int x = 0; x < W && !cancel.load(std::memory_order_relaxed); ++x) {
         const size_t at = (static_cast<size_t>(y) * W + x) * D;
         for (int i = 0; i < D; ++i) costs[at + i] = in_view(pair, x, i) ? cost(y, x, i, at + i) : worst_cost<T>();
       }

@@ -34,7 +34,7 @@ struct FusedSettings {
   Window window;
   Subpixel subpixel;
   bool left_right;
-  float tolerance;  // pixels
+  double tolerance;  // pixels
   bool uniqueness;
   double ratio;  // 1 + margin
 };
@@ -45,9 +45,10 @@ struct FusedOutput {
   uint8_t* flags;
 };
 
-// The widest sum that the 32-bit kernels form: squared differences of 8-bit pixels over the window and the channels.
-// 255 * 255 * 33025 = 2 147 450 625 < 2^31 - 1; every other sum of them is smaller.
-constexpr int64_t narrow_limit = 33025;
+// The widest sums that the 32-bit kernels form, over window and channels: squared differences of 8-bit pixels,
+// 255 * 255 * 32896 = 2 139 062 400 < 2^31; and pixels, 255 * 32896 = 8 388 480 < 2^23, so that such a sum splits into a
+// byte and a signed 16-bit number.
+constexpr int64_t narrow_limit = 32896;
 inline bool narrow_fits(const Window& window, int channels) { return window.area() * channels <= narrow_limit; }
 
 using Cancel = std::atomic<bool>;

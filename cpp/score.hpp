@@ -89,13 +89,13 @@ inline int64_t floor_mean(int64_t sum, int64_t n) {
 }
 
 struct WindowStatistics {
-  int64_t sum, square;
-  double deviation;  // sum of squared deviations from the mean; exactly 0 for a constant window
+  int64_t sum, square, mean, rest;  // sum = n * mean + rest
+  double deviation;                 // sum of squared deviations from the mean; exactly 0 for a constant window
   static WindowStatistics of(const Moments& m, int64_t n) {
     const int64_t q = floor_mean(m.sum, n), rest = m.sum - n * q;
     const int64_t about = m.square - q * (m.sum + rest);
     const double r = static_cast<double>(rest);
-    return {m.sum, m.square, static_cast<double>(about) - r * r / static_cast<double>(n)};
+    return {m.sum, m.square, q, rest, static_cast<double>(about) - r * r / static_cast<double>(n)};
   }
 };
 
@@ -127,23 +127,30 @@ struct WideCost {
     } else if constexpr (Kind == CostKind::ncc) {
       return static_cast<Scalar>(-(static_cast<double>(sum) * (left_scale * right_scale)));
     } else if constexpr (Kind == CostKind::zncc) {
-      double means = 0;
-      for (int c = 0; c < channels; ++c)
-        means += static_cast<double>(left[c * stride].sum) * static_cast<double>(right[c * stride].sum);
-      const double covariance = static_cast<double>(sum) - means / static_cast<double>(n);
+      double rests = 0;
+      for (int c = 0; c < channels; ++c) {
+        sum -= left[c * stride].mean * right[c * stride].sum;
+        rests += static_cast<double>(left[c * stride].rest) * static_cast<double>(right[c * stride].sum);
+      }
+      const double covariance = static_cast<double>(sum) - rests / static_cast<double>(n);
       return static_cast<Scalar>(-(covariance * (left_scale * right_scale)));
     } else {
       int64_t squares = -2 * sum;
-      double means = 0;
+      double rests = 0;
       for (int c = 0; c < channels; ++c) {
-        const double difference = static_cast<double>(left[c * stride].sum - right[c * stride].sum);
         squares += left[c * stride].square + right[c * stride].square;
-        means += difference * difference;
+        if constexpr (Kind == CostKind::zssd) {
+          // About the whole part of the differences' mean first: exact, whatever the offset between the images.
+          const int64_t total = left[c * stride].sum - right[c * stride].sum;
+          const int64_t mean = floor_mean(total, n), rest = total - n * mean;
+          squares -= mean * (total + rest);
+          rests += static_cast<double>(rest) * static_cast<double>(rest);
+        }
       }
       if constexpr (Kind == CostKind::ssd)
         return squares;
       else
-        return static_cast<Scalar>(static_cast<double>(squares) - means / static_cast<double>(n));
+        return static_cast<Scalar>(static_cast<double>(squares) - rests / static_cast<double>(n));
     }
   }
 };

@@ -126,7 +126,7 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
   }
   if (settings.left_right) collect_claims(pair, row.right_index, row.claims);
   // Candidates are whole, so what a tolerance has beyond whole pixels makes no difference.
-  const int tolerance = settings.tolerance < static_cast<float>(2 * W) ? static_cast<int>(settings.tolerance) : 2 * W;
+  const int tolerance = settings.tolerance < 2.0 * W ? static_cast<int>(settings.tolerance) : 2 * W;
   for (int x = begin; x < end; ++x) {
     uint8_t flag = 0;
     if (settings.uniqueness && row.second[x] < worst_cost<Scalar>() &&

@@ -38,7 +38,9 @@ def test_large_windows(window):
     np.testing.assert_array_equal(aggregate.box(terms, window), reference.box(terms, window))
 
 
-@pytest.mark.parametrize("window", [(1, 1), (2, 2), (3, 3), (4, 3), (3, 4), (6, 1), (1, 8), (15, 14), (31, 31)])
+@pytest.mark.parametrize(
+    "window", [(1, 1), (2, 2), (3, 3), (4, 3), (3, 4), (6, 1), (1, 8), (15, 14), (31, 31)]
+)
 def test_the_anchor_and_the_border_are_those_of_scipy(window):
     """An even window reaches one pixel further to the left and up, and the edge pixels repeat."""
     image = np.random.default_rng(1).integers(0, 256, (9, 12)).astype(np.uint8)

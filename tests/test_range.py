@@ -28,7 +28,9 @@ def test_a_street_is_covered(seed, size):
     assert found.span <= size[0] // 2
 
 
-@pytest.mark.parametrize("trouble", [{"noise": 6.0}, {"exposure": 1.5, "offset": 10}, {"fog": 0.02}, {"blur": (0.0, 1.5)}])
+@pytest.mark.parametrize(
+    "trouble", [{"noise": 6.0}, {"exposure": 1.5, "offset": 10}, {"fog": 0.02}, {"blur": (0.0, 1.5)}]
+)
 def test_a_street_is_covered_in_bad_conditions(trouble):
     scene = st.scenes.street(440, 200, 7, gray=True, samples=1, **trouble)
     found = estimate_disparities(scene.left, scene.right)
@@ -91,11 +93,16 @@ def real_pairs():
     driving = sorted(DATA.glob("drivingstereo/*-left.jpg"))[::3]
     kitti = sorted(DATA.glob("kitti2015/training/image_2/*_10.png"))[::4]
     pairs = [
-        (left, Path(str(left).replace("-left.jpg", "-right.jpg")), Path(str(left).replace("-left.jpg", "-disparity.png")))
+        (
+            left,
+            Path(str(left).replace("-left.jpg", "-right.jpg")),
+            Path(str(left).replace("-left.jpg", "-disparity.png")),
+        )
         for left in driving
     ]
     return pairs + [
-        (left, left.parents[1] / "image_3" / left.name, left.parents[1] / "disp_noc_0" / left.name) for left in kitti
+        (left, left.parents[1] / "image_3" / left.name, left.parents[1] / "disp_noc_0" / left.name)
+        for left in kitti
     ]
 
 

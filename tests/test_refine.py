@@ -13,7 +13,7 @@ def costs(*values, dtype=np.int64):
     return tuple(np.array([[value]], dtype) for value in values)
 
 
-# ---- sub-pixel -------------------------------------------------------------------------------------------------------
+# ---- sub-pixel -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_the_equiangular_fit_is_exact_on_flanks_of_equal_slope(minimum, scale):
     assert offset.item() == pytest.approx(minimum, abs=1e-5)
 
 
-# ---- confidence ------------------------------------------------------------------------------------------------------
+# ---- confidence ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,10 @@ TRIPLES = some.lists(
 def test_any_costs(triples, kind, whole):
     rows = [(cost, cost + before, cost + after) for cost, before, after in triples]
     if whole:
-        arrays = [np.array([[min(v, NONE) if np.isfinite(v) else NONE for v in row]]) for row in zip(*rows, strict=True)]
+        arrays = [
+            np.array([[min(v, NONE) if np.isfinite(v) else NONE for v in row]])
+            for row in zip(*rows, strict=True)
+        ]
         arrays = [array.astype(np.int64) for array in arrays]
     else:
         arrays = [np.array([row], np.float32) for row in zip(*rows, strict=True)]
@@ -118,7 +121,7 @@ def test_any_costs(triples, kind, whole):
         assert confidences[0, i] == pytest.approx(reference.confidence(0.0, *row), abs=1e-6)
 
 
-# ---- median ----------------------------------------------------------------------------------------------------------
+# ---- median --------------------------------------------------------------------------------------
 
 
 def test_median_by_hand():

@@ -19,7 +19,8 @@ def test_by_hand():
     np.testing.assert_array_equal(left.before, [[7, 5, WORST]])
     np.testing.assert_array_equal(left.after, [[WORST, 3, 9]])
     np.testing.assert_array_equal(left.second, [[WORST, WORST, WORST]])
-    # the right view at 0 sees (x 0, d 0) 4 and (x 1, d 1) 3; at 1 (x 0, d -1) 7, (1, 0) 3, (2, 1) 9; at 2 (1, -1) 5, (2, 0) 2
+    # The right view sees, as (x, d): at 0 (0, 0) 4 and (1, 1) 3; at 1 (0, -1) 7, (1, 0) 3 and (2, 1) 9;
+    # at 2 (1, -1) 5 and (2, 0) 2.
     np.testing.assert_array_equal(select.right(volume, -1), [[2, 1, 1]])
 
 
@@ -53,7 +54,7 @@ def test_nothing_in_view():
 @settings(max_examples=150, deadline=None)
 def test_any_volume(shape, first, levels, dtype, threads, seed):
     volume = np.random.default_rng(seed).integers(-levels, levels, shape).astype(dtype)
-    height, width, count = shape
+    _, width, count = shape
     there = np.arange(width)[:, None] - first - np.arange(count)
     outside = (there < 0) | (there >= width)
     volume[:, outside] = np.inf if dtype == np.float32 else WORST

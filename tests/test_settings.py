@@ -18,7 +18,9 @@ any_settings = some.builds(
     Settings,
     disparities=some.none() | some.tuples(some.integers(-1000, 0), some.integers(1, 1000)),
     cost=some.builds(
-        lambda cost, window: cost(window), some.sampled_from(list(COSTS.values())), sides | some.tuples(sides, sides)
+        lambda cost, window: cost(window),
+        some.sampled_from(list(COSTS.values())),
+        sides | some.tuples(sides, sides),
     ),
     channels=some.sampled_from(["grey", "separate"]),
     subpixel=some.sampled_from([None, "parabola", "equiangular"]),
@@ -26,7 +28,9 @@ any_settings = some.builds(
     uniqueness=numbers,
     texture=numbers,
     median=some.none() | some.integers(0, 127).map(lambda half: 2 * half + 1),
-    speckle=some.none() | some.integers(0, 10**6) | some.tuples(some.integers(0, 2**31 - 1), some.floats(0, 1e6)),
+    speckle=some.none()
+    | some.integers(0, 10**6)
+    | some.tuples(some.integers(0, 2**31 - 1), some.floats(0, 1e6)),
     fill=some.sampled_from([None, "background"]),
     threads=some.integers(0, 4096),
     keep=some.sets(some.sampled_from(KEEP)).map(lambda kept: tuple(sorted(kept))),
@@ -34,7 +38,7 @@ any_settings = some.builds(
 )
 
 
-# ---- windows ---------------------------------------------------------------------------------------------------------
+# ---- windows -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -69,7 +73,7 @@ def test_windows_that_are_none(text):
         window_size(text)
 
 
-# ---- construction ----------------------------------------------------------------------------------------------------
+# ---- construction --------------------------------------------------------------------------------
 
 
 def test_plain_settings_switch_nothing_on():
@@ -83,7 +87,9 @@ def test_plain_settings_switch_nothing_on():
 
 
 def test_values_are_normalised():
-    made = Settings(disparities=[0, np.int32(9)], cost="SAD", left_right=1, speckle=50, keep="costs", median=np.int8(3))
+    made = Settings(
+        disparities=[0, np.int32(9)], cost="SAD", left_right=1, speckle=50, keep="costs", median=np.int8(3)
+    )
     assert made == Settings(
         disparities=(0, 9), cost=st.SAD(), left_right=1.0, speckle=(50, 1.0), keep=("costs",), median=3
     )
@@ -111,7 +117,7 @@ def test_settings_hash_and_pickle(made):
     assert hash(again) == hash(made)
 
 
-# ---- changes ---------------------------------------------------------------------------------------------------------
+# ---- changes -------------------------------------------------------------------------------------
 
 
 def test_a_cost_by_name_keeps_the_window():
@@ -125,7 +131,13 @@ def test_a_cost_by_name_keeps_the_window():
 
 @pytest.mark.parametrize(
     ("name", "nearest"),
-    [("left-right", "left_right"), ("treads", "threads"), ("windows", "window"), ("costs", "cost"), ("unique", "uniqueness")],
+    [
+        ("left-right", "left_right"),
+        ("treads", "threads"),
+        ("windows", "window"),
+        ("costs", "cost"),
+        ("unique", "uniqueness"),
+    ],
 )
 def test_an_unknown_setting_is_named_with_the_nearest(name, nearest):
     for attempt in (lambda: PLAIN.changed(**{name: 1}), lambda: Settings.make(assignments=[f"{name}=1"])):
@@ -138,7 +150,7 @@ def test_a_setting_near_none_is_told_them_all():
         PLAIN.changed(qqq=1)
 
 
-# ---- presets ---------------------------------------------------------------------------------------------------------
+# ---- presets -------------------------------------------------------------------------------------
 
 
 def test_presets_name_themselves():
@@ -160,7 +172,7 @@ def test_a_changed_preset_still_says_where_it_came_from():
     assert named("fast").changed(median=None).preset == "fast"
 
 
-# ---- text ------------------------------------------------------------------------------------------------------------
+# ---- text ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -241,7 +253,7 @@ def test_assignments_that_are_refused(assignment, message):
         Settings.make(assignments=[assignment])
 
 
-# ---- TOML ------------------------------------------------------------------------------------------------------------
+# ---- TOML ----------------------------------------------------------------------------------------
 
 
 @given(any_settings)
@@ -258,7 +270,14 @@ def test_a_dict_survives_json(made):
 
 
 def test_toml_by_hand():
-    text = 'cost = "sad"\nwindow = [31, 15]\nleft_right = 1\nspeckle = [50, 0.5]\ndisparities = [-3, 9]\nmedian = "none"\n'
+    text = """
+        cost = "sad"
+        window = [31, 15]
+        left_right = 1
+        speckle = [50, 0.5]
+        disparities = [-3, 9]
+        median = "none"
+    """
     assert Settings.from_toml(text) == Settings(
         cost=st.SAD((31, 15)), left_right=1, speckle=(50, 0.5), disparities=(-3, 9)
     )
@@ -311,7 +330,7 @@ def test_files_that_are_refused(tmp_path):
         Settings.make(file=path)
 
 
-# ---- ranges ----------------------------------------------------------------------------------------------------------
+# ---- ranges --------------------------------------------------------------------------------------
 
 
 def test_ranges():

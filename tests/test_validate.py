@@ -11,7 +11,7 @@ N = np.nan
 SEEDS = some.integers(0, 2**32)
 
 
-# ---- uniqueness ------------------------------------------------------------------------------------------------------
+# ---- uniqueness ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -55,18 +55,19 @@ def test_uniqueness_of_any_volume(shape, first, margin, seed):
     volume[:, (there < 0) | (there >= shape[1])] = np.iinfo(np.int64).max
     won = select.left(volume, first)
     np.testing.assert_array_equal(
-        validate.uniqueness(won.cost, won.second, 0.0, margin), reference.uniqueness(volume, first, 0.0, margin)
+        validate.uniqueness(won.cost, won.second, 0.0, margin),
+        reference.uniqueness(volume, first, 0.0, margin),
     )
 
 
-# ---- left-right ------------------------------------------------------------------------------------------------------
+# ---- left-right ----------------------------------------------------------------------------------
 
 
 def test_left_right_by_hand():
-    # first = 0, candidates 0 ... 3. Pixel 3 says 2, its match 1 says 2: fine. Pixel 2 says 1, its match 1 says 2: off by one.
+    # Pixel 3 says 2, its match 1 says 2: fine. Pixel 2 says 1, its match 1 says 2: off by one.
     index, right = np.array([[0, 1, 1, 2]], np.int32), np.array([[0, 2, 0, 3]], np.int32)
     np.testing.assert_array_equal(validate.left_right(index, right, 0, 4, 1)[0], [0, 0, 0, 0])
-    # At tolerance 0: pixel 1 and its match 0 (answer 0) differ; no candidate of it is answered: match 1 says 2, match 0 says 0.
+    # At tolerance 0 pixel 1 and its match 0 (which says 0) differ, nor does its other match (1 says 2) agree.
     # Pixel 2: candidate 0 matches 2, which says 0: a wrong match. Pixel 3 agrees.
     np.testing.assert_array_equal(
         validate.left_right(index, right, 0, 4, 0)[0], [0, Flag.OCCLUDED, Flag.MISMATCHED, 0]
@@ -89,14 +90,17 @@ def test_left_right_leaves_alone_what_has_no_winner():
 @settings(max_examples=120, deadline=None)
 def test_left_right_of_any_volume(height, width, first, count, tolerance, seed):
     volume = np.random.default_rng(seed).integers(0, 9, (height, width, count)).astype(np.float32)
-    index, right = winners.left(volume, first)[0].astype(np.int32), winners.right(volume, first).astype(np.int32)
+    index, right = (
+        winners.left(volume, first)[0].astype(np.int32),
+        winners.right(volume, first).astype(np.int32),
+    )
     np.testing.assert_array_equal(
         validate.left_right(index, right, first, count, tolerance),
         reference.left_right(index, right, first, count, tolerance),
     )
 
 
-# ---- texture ---------------------------------------------------------------------------------------------------------
+# ---- texture -------------------------------------------------------------------------------------
 
 
 def test_texture_by_hand():
@@ -128,7 +132,7 @@ def test_texture_of_the_largest_gradient():
     np.testing.assert_allclose(validate.texture(image.astype(np.int32), (255, 255)), expected, rtol=1e-6)
 
 
-# ---- speckle ---------------------------------------------------------------------------------------------------------
+# ---- speckle -------------------------------------------------------------------------------------
 
 
 def test_speckle_by_hand():
@@ -142,7 +146,7 @@ def test_speckle_by_hand():
     )
     four = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]], bool)
     np.testing.assert_array_equal(validate.speckle(disparity, 1, 1.0), four)
-    # Diagonal neighbours are not joined, so both nines are alone; the fives are two; the ones and the two are four.
+    # Diagonals do not join, so both nines are alone; the fives are two; the ones and the two are four.
     alone = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [0, 0, 0, 0]], bool)
     np.testing.assert_array_equal(validate.speckle(disparity, 2, 1.0), alone)
     pairs = alone | np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 1]], bool)

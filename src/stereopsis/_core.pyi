@@ -17,9 +17,27 @@ def instruction_sets() -> list[str]: ...
 def grey(rgb: _U8, out: _U8, threads: int, /) -> None: ...
 @overload
 def grey(rgb: _I32, out: _I32, threads: int, /) -> None: ...
-def match(
-    left: npt.NDArray[Any],
-    right: npt.NDArray[Any],
+def match_narrow(
+    left: _U8,
+    right: _U8,
+    first: int,
+    count: int,
+    cost: int,
+    window_width: int,
+    window_height: int,
+    subpixel: int,
+    left_right: float | None,
+    uniqueness: float | None,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def match_wide(
+    left: _I32,
+    right: _I32,
     first: int,
     count: int,
     cost: int,
@@ -36,7 +54,15 @@ def match(
     /,
 ) -> None: ...
 def terms(
-    left: _I32, right: _I32, first: int, window_width: int, window_height: int, term: int, out: _I64, threads: int, /
+    left: _I32,
+    right: _I32,
+    first: int,
+    window_width: int,
+    window_height: int,
+    term: int,
+    out: _I64,
+    threads: int,
+    /,
 ) -> None: ...
 def box(terms: _I64, window_width: int, window_height: int, sums: _I64, threads: int, /) -> None: ...
 def score(

@@ -51,7 +51,8 @@ def match(
     if kind == "zsad" or (left.dtype == np.uint8 and not fits_narrow(window, left.shape[2])):
         left, right = left.astype(np.int32), right.astype(np.int32)
     ratio = None if uniqueness is None else 1 + uniqueness / 100
-    _core.match(
+    run = _core.match_narrow if left.dtype == np.uint8 else _core.match_wide
+    run(
         left,
         right,
         disparities.min,

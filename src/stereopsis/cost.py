@@ -85,8 +85,13 @@ def _channels(image: npt.NDArray[Any], dtype: Any) -> npt.NDArray[Any]:
 
 
 def fits_narrow(window: tuple[int, int], channels: int) -> bool:
-    """Whether 8-bit sums over the window fit 32 bits: ``255 ** 2 * area * channels < 2 ** 31``."""
+    """Whether 8-bit sums over the window fit 32 bits: at most 32 896 pixels, all channels counted."""
     return bool(window[0] * window[1] * channels <= _core.narrow_limit)
+
+
+def dtype_of(kind: str) -> npt.DTypeLike:
+    """The type of a cost: integer where the cost is one."""
+    return np.int64 if kind in ("sad", "ssd") else np.float32
 
 
 def terms(
@@ -142,8 +147,7 @@ def score(
         int64 for SAD and SSD, else float32. A candidate outside the right image costs the type's largest
         value, or infinity.
     """
-    dtype = np.int64 if kind in ("sad", "ssd") else np.float32
-    costs = np.empty(sums.shape, dtype)
+    costs = np.empty(sums.shape, dtype_of(kind))
     narrow = pair.left.dtype == np.uint8 and fits_narrow(window, pair.left.shape[2])
     left, right = (np.ascontiguousarray(image, np.int32) for image in pair[:2])
     _core.score(left, right, disparities.min, *window, KINDS.index(kind), narrow, sums, costs, threads)

@@ -135,7 +135,13 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
 
     if seen is None:
         disparity, confidence, flags = _nothing_in_view(pair.left.shape[:2])
-        composed = False
+        if "costs" in chosen.keep:
+            dtype = cost.dtype_of(_kind(chosen))
+            none = Disparities(chosen.disparities.min, chosen.disparities.min)
+            volume = np.empty((*disparity.shape, 0), dtype)
+            stages["costs"] = _presented(volume, _kind(chosen), pixels.step, none, chosen.disparities)
+        if "right_disparity" in chosen.keep:
+            stages["right_disparity"] = disparity.copy()
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
     else:
@@ -236,7 +242,8 @@ def _presented(
     if step == 1:
         return whole
     unit = {"sad": step, "zsad": step, "ssd": step * step, "zssd": step * step}.get(kind, 1.0)
-    return np.where(whole < worst, whole * unit, np.inf).astype(np.float32)
+    with np.errstate(over="ignore"):  # what float32 cannot hold is infinite
+        return np.where(whole < worst, whole.astype(np.float64) * unit, np.inf).astype(np.float32)
 
 
 def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disparities:

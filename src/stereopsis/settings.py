@@ -212,10 +212,11 @@ class Settings:
         for name in changes:
             if name not in known:
                 raise ValueError(f"unknown setting {name!r}{_nearest(name, known)}")
+        resized = "window" in changes
         window = changes.pop("window", None)
         if "cost" in changes and isinstance(changes["cost"], str):
             changes["cost"] = _cost_named(changes["cost"])(window=self.cost.window)
-        if window is not None:
+        if resized:
             cost = changes.get("cost", self.cost)
             changes["cost"] = dataclasses.replace(cost, window=window) if _is_cost(cost) else cost
         return dataclasses.replace(self, **changes)
@@ -255,8 +256,9 @@ _NAMES = (*(field.name for field in dataclasses.fields(Settings)), "window")
 
 def named(preset: str) -> Settings:
     """The settings of a preset; raises ValueError, with the nearest name, where there is none such."""
-    if preset not in PRESETS:
-        raise ValueError(f"unknown preset {preset!r}{_nearest(str(preset), PRESETS)}")
+    if not isinstance(preset, str) or preset not in PRESETS:
+        name = preset if isinstance(preset, str) else ""
+        raise ValueError(f"unknown preset {preset!r}{_nearest(name, PRESETS)}")
     return PRESETS[preset]
 
 

@@ -64,7 +64,7 @@ def left_right(
         there = columns - first - candidate
         seen: BoolMap = (there >= 0) & (there < index.shape[1])
         answer = np.take_along_axis(right, np.clip(there, 0, index.shape[1] - 1), axis=1)
-        close: BoolMap = np.abs(answer - candidate) <= np.float32(tolerance)
+        close: BoolMap = np.abs(answer - candidate) <= tolerance
         return seen & close
 
     possible = np.zeros(index.shape, bool)

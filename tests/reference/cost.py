@@ -37,7 +37,7 @@ def between(kind, left, right):
 
 
 def volume(kind, left, right, disparities, size):
-    """Costs (H, W, D); the dtype's largest value, or infinity, where the match lies outside the right image."""
+    """Costs (H, W, D); the dtype's largest value, or infinity, where the match is out of view."""
     lefts, rights = windows(left, size), windows(right, size)
     height, width = left.shape[:2]
     whole = kind in ("sad", "ssd")

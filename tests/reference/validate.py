@@ -32,7 +32,9 @@ def uniqueness(volume, first, perfect, margin):
             if seen:
                 best = min(seen, key=lambda i: (volume[y, x, i], i))
                 bound = (float(volume[y, x, best]) - perfect) * (1 + margin / 100)
-                ambiguous[y, x] = any(float(volume[y, x, i]) - perfect <= bound for i in seen if abs(i - best) > 1)
+                ambiguous[y, x] = any(
+                    float(volume[y, x, i]) - perfect <= bound for i in seen if abs(i - best) > 1
+                )
     return ambiguous
 
 
@@ -46,7 +48,7 @@ def texture(image, size):
 
 def speckle(disparity, area, difference):
     """Label every pixel, and spread the smallest label until nothing changes."""
-    height, width = disparity.shape
+    width = disparity.shape[1]
     label = {(y, x): y * width + x for y, x in np.argwhere(~np.isnan(disparity)).tolist()}
     changed = True
     while changed:

@@ -209,14 +209,13 @@ template <bool IsFloat>
 struct ValueOf {
   using Scalar = int32_t;
   using Vector = I;
-  static constexpr int32_t worst = INT32_MAX;
+  static constexpr int32_t worst = worst_cost<int32_t>();
 };
 template <>
 struct ValueOf<true> {
   using Scalar = float;
   using Vector = F;
-  // Infinity times a norm of 0 is not a number, and less than nothing: out of view stays out.
-  static constexpr float worst = std::numeric_limits<float>::infinity();
+  static constexpr float worst = worst_cost<float>();
 };
 
 template <CostKind Kind, int C>
@@ -420,7 +419,7 @@ class Narrow {
 #endif
   }
 
-  // The part of a column's weights that did not fit `advance`; see `weigh`.
+  // The part of a column's weights that did not fit `advance`; see `product_weights`.
   STEREOPSIS_INLINE void advance_extra([[maybe_unused]] const Column& col) {
 #if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
     if (T::squares && col.extra())

@@ -13,6 +13,12 @@
 namespace stereopsis {
 namespace {
 
+// What a candidate out of view costs. Infinity times a norm of 0 is not a number, and less than nothing: it never wins.
+template <class T>
+constexpr T worst_cost() {
+  return std::numeric_limits<T>::is_integer ? std::numeric_limits<T>::max() : std::numeric_limits<T>::infinity();
+}
+
 // The integer nearest to sum / n. Any integer near the mean serves; that both paths take the same one is what counts.
 inline int32_t nearest_mean(int32_t sum, float inverse_n) {
   const float mean = static_cast<float>(sum) * inverse_n;
@@ -115,9 +121,7 @@ template <CostKind Kind>
 struct WideCost {
   static constexpr bool whole = Kind == CostKind::sad || Kind == CostKind::ssd;
   using Scalar = typename std::conditional<whole, int64_t, float>::type;
-  static constexpr Scalar worst = std::numeric_limits<Scalar>::is_integer
-                                      ? std::numeric_limits<Scalar>::max()
-                                      : std::numeric_limits<Scalar>::infinity();
+  static constexpr Scalar worst = worst_cost<Scalar>();
 
   // From the window's sum of products (absolute differences for SAD) and both windows' statistics.
   static Scalar of(int64_t sum, const WindowStatistics* left, const WindowStatistics* right, int64_t stride, int channels,

@@ -4,9 +4,9 @@
 
 #include <cstdint>
 #include <functional>
-#include <limits>
 
 #include "fused.hpp"
+#include "score.hpp"
 
 namespace stereopsis {
 
@@ -44,10 +44,6 @@ struct Winners {
   int32_t* index;
   T *cost, *before, *after, *second;
 };
-template <class T>
-constexpr T worst_cost() {
-  return std::numeric_limits<T>::is_integer ? std::numeric_limits<T>::max() : std::numeric_limits<T>::infinity();
-}
 template <class T>
 void select_left(const T* volume, int height, int width, int count, int first, const Winners<T>& winners,
                  const Workers& workers);

@@ -12,11 +12,6 @@ namespace {
 
 enum FlagBit : uint8_t { kOccluded = 1, kMismatched = 2, kAmbiguous = 4, kOutOfView = 32 };
 
-template <class T>
-constexpr T worst_cost() {
-  return std::numeric_limits<T>::is_integer ? std::numeric_limits<T>::max() : std::numeric_limits<T>::infinity();
-}
-
 // Which left columns the right view's winners chose: by column the least and the greatest of their candidates.
 struct Claims {
   int32_t *least, *most;  // most is -1 where nobody chose the column

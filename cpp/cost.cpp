@@ -58,27 +58,31 @@ NarrowStatistics narrow_statistics(const Moments& m, int32_t n, float inverse_n)
   return s;
 }
 
-float narrow_scale(CostKind cost, const NarrowStatistics* s, int channels, float inverse_n) {
+float narrow_scale(CostKind cost, const NarrowStatistics* s, int channels, int32_t n) {
   float norm = 0;
   for (int c = 0; c < channels; ++c)
-    norm = norm + (cost == CostKind::ncc ? static_cast<float>(s[c].square) : deviation(s[c].about, s[c].rest, inverse_n));
-  return inverse_root(norm);
+    norm = norm + (cost == CostKind::ncc ? static_cast<float>(s[c].square) : window_deviation(s[c].square, s[c].sum, 1.0 / n));
+  return inverse_root(norm, least_norm(cost, n, channels));
 }
 
 float narrow_cost(CostKind cost, int64_t sum, const NarrowStatistics* l, const NarrowStatistics* r, int channels,
-                  float left_scale, float right_scale, float inverse_n) {
-  if (cost == CostKind::ncc) return coarse(static_cast<float>(static_cast<int32_t>(-sum)) * right_scale) * left_scale;
-  int64_t covariance = -sum;
-  for (int c = 0; c < channels; ++c) covariance += static_cast<int64_t>(l[c].mean) * r[c].sum;
+                  float left_scale, float right_scale, int32_t n) {
+  if (cost == CostKind::ncc)
+    return correlation_cost(fused(static_cast<float>(static_cast<int32_t>(-sum)) * left_scale, right_scale, kCorrelationBase));
   if (cost == CostKind::zncc) {
-    float v = static_cast<float>(static_cast<int32_t>(covariance));
-    for (int c = 0; c < channels; ++c) v = v + static_cast<float>(l[c].rest) * inverse_n * static_cast<float>(r[c].sum);
-    return coarse(v * right_scale) * left_scale;
+    int64_t negative = -sum;
+    for (int c = 0; c < channels; ++c) negative += static_cast<int64_t>(kCentre) * r[c].sum;
+    float v = static_cast<float>(static_cast<int32_t>(negative));
+    const auto mean = [&](int c) { return SplitMean::of(l[c].sum - kCentre * n, 1.0 / n); };
+    for (int c = 0; c < channels; ++c) v = fused(mean(c).high, static_cast<float>(r[c].sum), v);
+    for (int c = 0; c < channels; ++c) v = fused(mean(c).low, static_cast<float>(r[c].sum), v);
+    return correlation_cost(fused(v * left_scale, right_scale, kCorrelationBase));
   }
+  const float inverse_n = 1.0f / static_cast<float>(n);
+  int64_t covariance = -sum, whole = 0;
   float excess = 0;
-  int64_t whole = 0;
   for (int c = 0; c < channels; ++c) {
-    covariance += static_cast<int64_t>(l[c].rest) * r[c].mean;
+    covariance += static_cast<int64_t>(l[c].mean) * r[c].sum + static_cast<int64_t>(l[c].rest) * r[c].mean;
     whole += static_cast<int64_t>(l[c].about) + r[c].about;
     const float rest = static_cast<float>(l[c].rest) - static_cast<float>(r[c].rest);
     excess = excess + rest * rest * inverse_n;
@@ -131,8 +135,8 @@ void narrow_score(const Pair& pair, const Window& window, CostKind cost, const i
   fill_volume(pair, costs, workers, [&](int y, int x, int i, size_t at) {
     const NarrowStatistics* l = left.data() + (static_cast<size_t>(y) * W + x) * C;
     const NarrowStatistics* r = right.data() + (static_cast<size_t>(y) * W + x - pair.first - i) * C;
-    return narrow_cost(cost, sums[at], l, r, C, scaled ? narrow_scale(cost, l, C, inverse_n) : 0,
-                       scaled ? narrow_scale(cost, r, C, inverse_n) : 0, inverse_n);
+    return narrow_cost(cost, sums[at], l, r, C, scaled ? narrow_scale(cost, l, C, n) : 0,
+                       scaled ? narrow_scale(cost, r, C, n) : 0, n);
   });
 }
 

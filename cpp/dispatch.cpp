@@ -37,18 +37,19 @@ Features features() {
   if (r[0] < 7) return {};
   __cpuidex(r, 1, 0);
   if (!(r[2] & (1 << 27))) return {};  // the operating system keeps no wide registers
+  const bool fma = r[2] >> 12 & 1;
   const unsigned long long kept = _xgetbv(0);
   __cpuidex(r, 7, 0);
   const bool ymm = (kept & 0x6) == 0x6, zmm = (kept & 0xE6) == 0xE6;
   const bool avx512 = (r[1] >> 16 & 1) && (r[1] >> 17 & 1) && (r[1] >> 30 & 1) && (r[1] >> 31 & 1);
-  return {ymm && (r[1] >> 5 & 1), zmm && avx512, zmm && avx512 && (r[2] >> 11 & 1)};
+  return {ymm && fma && (r[1] >> 5 & 1), zmm && avx512, zmm && avx512 && (r[2] >> 11 & 1)};
 }
 #else
 Features features() {
   __builtin_cpu_init();
   const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
                       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
-  return {__builtin_cpu_supports("avx2") != 0, avx512, avx512 && __builtin_cpu_supports("avx512vnni")};
+  return {__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"), avx512, avx512 && __builtin_cpu_supports("avx512vnni")};
 }
 #endif
 

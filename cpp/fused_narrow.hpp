@@ -11,6 +11,7 @@
 #pragma once
 
 #include <cstring>
+#include <initializer_list>
 #include <limits>
 
 #include "arena.hpp"
@@ -30,7 +31,7 @@ constexpr int kLanes = Simd::lanes;
 constexpr int kBlock = Simd::block;
 constexpr int kSmallBlock = kBlock / 2;
 constexpr int kChunk = 16;  // pixels whose costs are kept until their winners are taken
-constexpr int kCentre = 128;
+static_assert(kChunk >= kLanes && kChunk <= static_cast<int>(kSpareBits) + 1, "see take_right_winners");
 
 static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
 static STEREOPSIS_INLINE int least(int a, int b) { return a < b ? a : b; }
@@ -118,7 +119,7 @@ static void pad_columns(const int32_t* STEREOPSIS_RESTRICT column, int width, in
   for (int k = before + width; k < length; ++k) padded[k] = padded[before + width - 1];
 }
 
-// Two running sums at once: each waits for its own last addition alone.
+// Two window sums at once: each vector of them waits for the one before.
 static void slide_sums(const int32_t* STEREOPSIS_RESTRICT a, const int32_t* STEREOPSIS_RESTRICT b, int window, int count,
                        int32_t* STEREOPSIS_RESTRICT sums_a, int32_t* STEREOPSIS_RESTRICT sums_b) {
   int32_t sum_a = 0, sum_b = 0;
@@ -128,16 +129,27 @@ static void slide_sums(const int32_t* STEREOPSIS_RESTRICT a, const int32_t* STER
   }
   sums_a[0] = sum_a;
   sums_b[0] = sum_b;
-  for (int x = 1; x < count; ++x) {
-    sum_a += a[x + window - 1] - a[x - 1];
-    sum_b += b[x + window - 1] - b[x - 1];
-    sums_a[x] = sum_a;
-    sums_b[x] = sum_b;
+  int x = 1;
+  I before_a = Simd::set(sum_a), before_b = Simd::set(sum_b);
+  for (; x + kLanes <= count; x += kLanes) {
+    const auto next = [&](const int32_t* column, I before) STEREOPSIS_INLINE_LAMBDA {
+      return Simd::add(before, Simd::running_sum(Simd::sub(Simd::load(column + x + window - 1), Simd::load(column + x - 1))));
+    };
+    const I new_a = next(a, before_a), new_b = next(b, before_b);
+    Simd::store(sums_a + x, new_a);
+    Simd::store(sums_b + x, new_b);
+    before_a = Simd::last(new_a);
+    before_b = Simd::last(new_b);
+  }
+  for (; x < count; ++x) {
+    sums_a[x] = sums_a[x - 1] + a[x + window - 1] - a[x - 1];
+    sums_b[x] = sums_b[x - 1] + b[x + window - 1] - b[x - 1];
   }
 }
 
-static void inverse_roots(const float* STEREOPSIS_RESTRICT norm, int count, float* STEREOPSIS_RESTRICT scale) {
-  for (int x = 0; x < count; ++x) scale[x] = inverse_root(norm[x]);
+static void inverse_roots(const float* STEREOPSIS_RESTRICT norm, int count, float least_norm,
+                          float* STEREOPSIS_RESTRICT scale) {
+  for (int x = 0; x < count; ++x) scale[x] = inverse_root(norm[x], least_norm);
 }
 
 static void add_energy(const int32_t* STEREOPSIS_RESTRICT squares, int count, bool first, float* STEREOPSIS_RESTRICT norm) {
@@ -162,18 +174,27 @@ static void moments(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t* STER
   }
 }
 
-static void add_deviation(const int32_t* STEREOPSIS_RESTRICT about, const int32_t* STEREOPSIS_RESTRICT rest, int count,
-                          float inverse_n, bool first, float* STEREOPSIS_RESTRICT norm) {
-  for (int x = 0; x < count; ++x) norm[x] = (first ? 0.0f : norm[x]) + deviation(about[x], rest[x], inverse_n);
+static void add_deviation(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t* STEREOPSIS_RESTRICT squares, int count,
+                          double inverse_n, bool first, float* STEREOPSIS_RESTRICT norm) {
+  for (int x = 0; x < count; ++x) norm[x] = (first ? 0.0f : norm[x]) + window_deviation(squares[x], sums[x], inverse_n);
+}
+
+static void split_means(const int32_t* STEREOPSIS_RESTRICT sums, int count, int32_t centre, double inverse_n,
+                        float* STEREOPSIS_RESTRICT high, float* STEREOPSIS_RESTRICT low) {
+  for (int x = 0; x < count; ++x) {
+    const SplitMean mean = SplitMean::of(sums[x] - centre, inverse_n);
+    high[x] = mean.high;
+    low[x] = mean.low;
+  }
 }
 
 static void centre_left(const int32_t* STEREOPSIS_RESTRICT mean, const int32_t* STEREOPSIS_RESTRICT rest, int count,
-                        float slope_of_rest, int32_t* STEREOPSIS_RESTRICT mean_weight,
-                        int32_t* STEREOPSIS_RESTRICT rest_weight, float* STEREOPSIS_RESTRICT slope) {
+                        int32_t* STEREOPSIS_RESTRICT mean_weight, int32_t* STEREOPSIS_RESTRICT rest_weight,
+                        float* STEREOPSIS_RESTRICT whole_rest) {
   for (int x = 0; x < count; ++x) {
     mean_weight[x] = pack16(mean[x] - kCentre, (mean[x] - kCentre) * 256);
     rest_weight[x] = pack16(rest[x], 0);
-    slope[x] = static_cast<float>(rest[x]) * slope_of_rest;
+    whole_rest[x] = static_cast<float>(rest[x]);
   }
 }
 
@@ -194,35 +215,32 @@ struct RowChange {
   int entering, entering_weight, leaving, leaving_weight;
 };
 
+template <class Scalar>
+struct VectorOf {
+  using type = I;
+};
+template <>
+struct VectorOf<float> {
+  using type = F;
+};
+
 template <CostKind Kind>
 struct Traits {
-  // A correlation's candidates carry their vector's number in their spare bits: one minimum finds cost and place. They lack
-  // the left window's norm, which is put in when the winner is known.
+  // A correlation's candidates carry their vector's number in their spare bits: one minimum finds cost and place.
   static constexpr bool keyed = Kind == CostKind::ncc || Kind == CostKind::zncc;
   static constexpr bool is_float = Kind == CostKind::zssd || Kind == CostKind::ncc || Kind == CostKind::zncc;
   static constexpr bool squares = Kind != CostKind::sad;
   static constexpr bool normalised = Kind == CostKind::ncc || Kind == CostKind::zncc;
   static constexpr bool centred = Kind == CostKind::zssd || Kind == CostKind::zncc;
-};
-
-template <bool IsFloat>
-struct ValueOf {
-  using Scalar = int32_t;
-  using Vector = I;
-  static constexpr int32_t worst = worst_cost<int32_t>();
-};
-template <>
-struct ValueOf<true> {
-  using Scalar = float;
-  using Vector = F;
-  static constexpr float worst = worst_cost<float>();
+  using Scalar = typename std::conditional<is_float, float, int32_t>::type;
+  static constexpr Scalar worst = keyed ? static_cast<Scalar>(kWorstKept) : worst_cost<Scalar>();
 };
 
 template <CostKind Kind, int C>
 class Narrow {
   using T = Traits<Kind>;
-  using Scalar = typename ValueOf<T::is_float>::Scalar;
-  using Vector = typename ValueOf<T::is_float>::Vector;
+  using Scalar = typename T::Scalar;
+  using Vector = typename VectorOf<Scalar>::type;
 
  public:
   Narrow(const Pair& pair, const FusedSettings& settings, void* memory)
@@ -237,7 +255,7 @@ class Narrow {
     inverse_n_ = 1.0f / static_cast<float>(n_);
     sums_ = arena_.template take<int32_t>(static_cast<size_t>(p_.width) * padded_);
     slide_ = arena_.template take<int32_t>(padded_);
-    costs_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * stride());
+    costs_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * stride() + kChunk);
     best_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * padded_);
     best_index_ = arena_.template take<int32_t>(kChunk * kLanes);
     index_ = arena_.template take<int32_t>(padded_);
@@ -251,7 +269,8 @@ class Narrow {
       right_square_[c] = arena_.template take<int32_t>(p_.width);
       left_mean_[c] = arena_.template take<int32_t>(p_.width);
       left_rest_[c] = arena_.template take<int32_t>(p_.width);
-      left_slope_[c] = arena_.template take<float>(p_.width);
+      left_high_[c] = arena_.template take<float>(p_.width);
+      left_low_[c] = arena_.template take<float>(p_.width);
       right_split_[c] = arena_.template take<int32_t>(stats_);
       right_mean_[c] = arena_.template take<int32_t>(stats_);
       right_sum_[c] = arena_.template take<float>(stats_);
@@ -273,10 +292,9 @@ class Narrow {
     mirrored_new_ = arena_.template take<uint8_t>(quads_ + w);
     mirrored_old_ = arena_.template take<uint8_t>(quads_ + w);
     plane_ = arena_.template take<uint8_t>(4 * static_cast<size_t>(p_.width));
-    right_best_ = arena_.template take<Scalar>(stats_ + kLanes);
-    right_index_ = arena_.template take<int32_t>(stats_ + kLanes);
-    claim_least_ = arena_.template take<int32_t>(p_.width);
-    claim_most_ = arena_.template take<int32_t>(p_.width);
+    right_best_ = arena_.template take<Scalar>(stats_ + 2 * kChunk);
+    right_index_ = arena_.template take<int32_t>(stats_ + 2 * kChunk);
+    claims_ = arena_.template take<int32_t>(2 * p_.width + 1);
     winner_ = arena_.template take<int32_t>(p_.width);
     cost_ = arena_.template take<Scalar>(p_.width);
     before_ = arena_.template take<Scalar>(p_.width);
@@ -289,7 +307,7 @@ class Narrow {
   void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
     std::memset(arena_.base, 0, arena_.used);
     for (int i = 0; i < padded_; ++i) index_[i] = i;
-    for (size_t i = 0; i < kChunk * stride(); ++i) costs_[i] = ValueOf<T::is_float>::worst;
+    for (size_t i = 0; i < kChunk * stride() + kChunk; ++i) costs_[i] = T::worst;
     // The sums of the row before the first one: its window's rows, two a pass.
     const int top = begin - 1 - s_.window.above();
     for (int y = top; y < top + s_.window.height; y += 2) {
@@ -308,7 +326,9 @@ class Narrow {
   }
 
  private:
-  size_t stride() const { return padded_ + 2 * kLanes; }  // room for a neighbour on both sides
+  // Between the kept costs of two pixels: room on both sides for what is next to them. With the left-right check one less than whole
+  // vectors, so that the candidates of a right pixel lie whole vectors apart; the rooms overlap then.
+  size_t stride() const { return padded_ + 2 * kChunk - (s_.left_right ? 1 : 0); }
   int inside(int y) const { return clamp(y, 0, p_.height - 1); }
 
   // ---- what a pass over a row needs -------------------------------------------------------------------------------
@@ -319,7 +339,7 @@ class Narrow {
     return buffer;
   }
 
-  void change_rows(const RowChange& change) {
+  STEREOPSIS_NOINLINE void change_rows(const RowChange& change) {
     const size_t pitch = static_cast<size_t>(p_.width) * C;
     const uint8_t* left = static_cast<const uint8_t*>(p_.left);
     const uint8_t* right = static_cast<const uint8_t*>(p_.right);
@@ -454,7 +474,7 @@ class Narrow {
 
   // ---- window statistics ------------------------------------------------------------------------------------------
 
-  void window_statistics() {
+  STEREOPSIS_NOINLINE void window_statistics() {
     if (!T::squares) return;
     // Right statistics lie mirrored: pixel x - d of candidate i at [width - 1 - x + i].
     const int from = most(0, p_.first), to = least(p_.width, stats_ + p_.first);
@@ -462,12 +482,13 @@ class Narrow {
       sum_windows(left_column_[c], left_square_[c], false);
       describe_left(c);
     }
-    if (T::normalised) inverse_roots(norm_, p_.width, left_scale_);
+    const float least = least_norm(Kind, n_, C);
+    if (T::normalised) inverse_roots(norm_, p_.width, least, left_scale_);
     for (int c = 0; c < C; ++c) {
       sum_windows(right_column_[c], right_square_[c], true);
       describe_right(c, from, to - from, from - p_.first);
     }
-    if (T::normalised) inverse_roots(norm_ + from, to - from, right_scale_ + from - p_.first);
+    if (T::normalised) inverse_roots(norm_ + from, to - from, least, right_scale_ + from - p_.first);
   }
 
   void sum_windows(const int32_t* column, const int32_t* square, bool reversed) {
@@ -475,7 +496,7 @@ class Narrow {
     pad_columns(column, W, before, columns_, reversed, edge_);
     pad_columns(square, W, before, columns_, reversed, edge_square_);
     slide_sums(edge_, edge_square_, w, W, sum_, square_);
-    if (T::centred) moments(sum_, square_, W, n_, inverse_n_, mean_, rest_, about_);
+    if (Kind == CostKind::zssd) moments(sum_, square_, W, n_, inverse_n_, mean_, rest_, about_);
   }
 
   void describe_left(int c) {
@@ -483,9 +504,11 @@ class Narrow {
     if (Kind == CostKind::ncc) add_energy(square_, W, c == 0, norm_);
     if (Kind == CostKind::ssd) add_offset(sum_, square_, W, c == 0, 0, 1, left_offset_);
     if (Kind == CostKind::zssd) add_offset(sum_, about_, W, c == 0, 0, 1, left_offset_);
-    if (Kind == CostKind::zncc) add_deviation(about_, rest_, W, inverse_n_, c == 0, norm_);
-    if (T::centred)
-      centre_left(mean_, rest_, W, T::normalised ? inverse_n_ : 1.0f, left_mean_[c], left_rest_[c], left_slope_[c]);
+    if (Kind == CostKind::zncc) {
+      add_deviation(sum_, square_, W, 1.0 / n_, c == 0, norm_);
+      split_means(sum_, W, kCentre * n_, 1.0 / n_, left_high_[c], left_low_[c]);
+    }
+    if (Kind == CostKind::zssd) centre_left(mean_, rest_, W, left_mean_[c], left_rest_[c], left_low_[c]);
   }
 
   void describe_right(int c, int from, int count, int to) {
@@ -496,11 +519,9 @@ class Narrow {
     if (Kind == CostKind::ssd)
       add_offset(sum_ + from, square_ + from, count, c == 0, -2 * kCentre, 1, right_offset_ + to);
     if (Kind == CostKind::zssd) add_offset(sum_ + from, about_ + from, count, c == 0, 0, 1, right_offset_ + to);
-    if (Kind == CostKind::zncc) add_deviation(about_, rest_, p_.width, inverse_n_, c == 0, norm_);
-    if (T::centred) {
-      split_right(sum_ + from, mean_ + from, count, right_split_[c] + to, right_mean_[c] + to);
-      to_floats((T::normalised ? sum_ : rest_) + from, count, right_sum_[c] + to);
-    }
+    if (Kind == CostKind::zncc) add_deviation(sum_, square_, p_.width, 1.0 / n_, c == 0, norm_);
+    if (Kind == CostKind::zssd) split_right(sum_ + from, mean_ + from, count, right_split_[c] + to, right_mean_[c] + to);
+    if (T::centred) to_floats((T::normalised ? sum_ : rest_) + from, count, right_sum_[c] + to);
   }
 
   // ---- from sums to costs -----------------------------------------------------------------------------------------
@@ -544,16 +565,18 @@ class Narrow {
   // What the left window at x says to every candidate.
   struct Left {
     I mean[C], rest[C], offset;
-    F slope[C], inverse_n;
+    F high[C], low[C], scale, inverse_n;
   };
 
   STEREOPSIS_INLINE Left left_at(int x) const {
     Left l;
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-      if (T::centred) l.mean[c] = Simd::set(left_mean_[c][x]);
-      if (T::centred) l.slope[c] = Simd::set(left_slope_[c][x]);
+      if (Kind == CostKind::zncc) l.high[c] = Simd::set(left_high_[c][x]);
+      if (T::centred) l.low[c] = Simd::set(left_low_[c][x]);
+      if (Kind == CostKind::zssd) l.mean[c] = Simd::set(left_mean_[c][x]);
       if (Kind == CostKind::zssd) l.rest[c] = Simd::set(left_rest_[c][x]);
     });
+    if (T::normalised) l.scale = Simd::set(left_scale_[x]);
     if (Kind == CostKind::zssd) l.inverse_n = Simd::set(inverse_n_);
     if (Kind == CostKind::ssd || Kind == CostKind::zssd) l.offset = Simd::set(left_offset_[x]);
     return l;
@@ -567,22 +590,21 @@ class Narrow {
       return Simd::add(Simd::add(Simd::add(sums, sums), Simd::load(v.offset + at)), l.offset);
     } else if constexpr (Kind == CostKind::ncc) {
       const F product = Simd::to_float(Simd::sub(sums, Simd::load(v.offset + at)));
-      return Simd::mul(product, Simd::load(v.scale + at));
+      return Simd::fused(Simd::mul(product, l.scale), Simd::load(v.scale + at), Simd::set(kCorrelationBase));
     } else if constexpr (Kind == CostKind::zncc) {
+      F covariance = Simd::to_float(sums), right[C];
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-        sums = Simd::dot16(sums, Simd::load(v.split[c] + at), l.mean[c]);
+        right[c] = Simd::once(Simd::load(v.sum[c] + at));
+        covariance = Simd::fused(l.high[c], right[c], covariance);
       });
-      F covariance = Simd::to_float(sums);
-      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-        covariance = Simd::add(covariance, Simd::mul(l.slope[c], Simd::load(v.sum[c] + at)));
-      });
-      return Simd::mul(covariance, Simd::load(v.scale + at));
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { covariance = Simd::fused(l.low[c], right[c], covariance); });
+      return Simd::fused(Simd::mul(covariance, l.scale), Simd::load(v.scale + at), Simd::set(kCorrelationBase));
     } else {
       F excess;
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
         sums = Simd::dot16(sums, Simd::load(v.split[c] + at), l.mean[c]);
         sums = Simd::dot16(sums, Simd::load(v.mean[c] + at), l.rest[c]);
-        const F rest = Simd::sub(l.slope[c], Simd::load(v.sum[c] + at));
+        const F rest = Simd::sub(l.low[c], Simd::load(v.sum[c] + at));
         const F square = Simd::mul(Simd::mul(rest, rest), l.inverse_n);
         excess = c == 0 ? square : Simd::add(excess, square);
       });
@@ -604,8 +626,8 @@ class Narrow {
 
   void match_row() {
     if (s_.left_right)
-      for (int j = 0; j < stats_; ++j) {
-        right_best_[j] = ValueOf<T::is_float>::worst;
+      for (int j = 0; j < stats_ + 2 * kChunk; ++j) {
+        right_best_[j] = T::keyed ? static_cast<Scalar>(coarse(T::worst)) : T::worst;
         right_index_[j] = -1;
       }
     prime_slide();
@@ -625,7 +647,7 @@ class Narrow {
       if (s_.uniqueness) take_second(x, end);
     }
     if (s_.left_right)
-      for (int j = 0; j < stats_; ++j) right_index_[j] += j - (p_.width - 1);  // from columns to candidates
+      for (int j = 0; j < stats_; ++j) right_index_[kChunk + j] += j - (p_.width - 1);  // from columns to candidates
   }
 
   Sight sight(int x, int at, int past) const {
@@ -683,28 +705,28 @@ class Narrow {
       [[maybe_unused]] const Left left = left_at(x);
       [[maybe_unused]] const int lo = first_seen(x), hi = end_seen(x);
       const bool fresh = T::keyed || at == 0;
-      Vector b = fresh ? Simd::set(ValueOf<T::is_float>::worst) : Simd::load(best);
+      Vector b = fresh ? Simd::set(T::worst) : Simd::load(best);
       I bi = fresh ? Simd::set(-1) : Simd::load(best_index);
       unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
         constexpr int j = v.value * kLanes;
         h[v] = advance(h[v], col, j);
-        const I s = Simd::add(Simd::load(views.sums + j), h[v]);
-        Simd::store(views.sums + j, s);
-        Vector value = Simd::set(ValueOf<T::is_float>::worst);
+        Vector value = Simd::set(T::worst);
         if constexpr (See != Sight::none) {
+          // A candidate that its pixel does not see in this row, it sees in none: nobody needs its sum.
           if (See == Sight::all || (at + j < hi && at + j + kLanes > lo)) {
+            const I s = Simd::add(Simd::load(views.sums + j), h[v]);
+            Simd::store(views.sums + j, s);
             value = cost(s, left, views, j);
             if constexpr (T::keyed) {
-              // Of equal negative numbers, those with more bits set are less: so the first vector gets most.
-              value = Simd::mark(value, keep, Simd::set(7 - v.value));
-              if constexpr (See == Sight::some)
+              value = Simd::mark(value, keep, Simd::set(v.value));
+              if (See == Sight::some && (at + j < lo || at + j + kLanes > hi))
                 value = Simd::select(Simd::inside(Simd::load(views.index + j), lo, hi), value,
-                                     Simd::set(ValueOf<T::is_float>::worst));
+                                     Simd::set(T::worst));
               b = Simd::min(value, b);
             } else {
               const I index = Simd::load(views.index + j);
               if constexpr (See == Sight::some)
-                value = Simd::select(Simd::inside(index, lo, hi), value, Simd::set(ValueOf<T::is_float>::worst));
+                value = Simd::select(Simd::inside(index, lo, hi), value, Simd::set(T::worst));
               const M better = Simd::less(value, b);
               b = Simd::select(better, value, b);
               bi = Simd::select(better, index, bi);
@@ -723,14 +745,6 @@ class Narrow {
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
   }
 
-  // A stored candidate's cost, for a left window of the given norm's inverse.
-  static STEREOPSIS_INLINE Scalar plain(Scalar stored, [[maybe_unused]] float scale) {
-    if constexpr (T::keyed)
-      return coarse(stored) * scale;
-    else
-      return stored;
-  }
-
   void take_winners(int begin, int end) {
     if constexpr (T::keyed)
       take_keyed_winners(begin, end);
@@ -742,15 +756,9 @@ class Narrow {
       before_[x] = costs[-1];
       after_[x] = costs[1];
     }
-    if constexpr (T::keyed)
-      for (int x = begin; x < end; ++x) {
-        cost_[x] = plain(cost_[x], left_scale_[x]);
-        before_[x] = plain(before_[x], left_scale_[x]);
-        after_[x] = plain(after_[x], left_scale_[x]);
-      }
   }
 
-  Scalar* costs_of(int slot) const { return costs_ + slot * stride() + kLanes; }
+  Scalar* costs_of(int slot) const { return costs_ + slot * stride() + kChunk; }
 
   template <class Unused = void>
   int indexed_winner(int slot) const {
@@ -771,80 +779,100 @@ class Narrow {
         uint32_t bits;
         std::memcpy(&bits, keys + slot, sizeof bits);
         least[slot] = keys[slot];
-        winner_[begin + slot] = (v + 7 - static_cast<int>(bits & kSpareBits)) * kLanes +
+        winner_[begin + slot] = (v + static_cast<int>(bits & kSpareBits)) * kLanes +
                                 Simd::first_equal(Simd::load(best_ + slot * padded_ + v * kLanes), keys[slot]);
       }
     }
-    // Where nothing correlates, which is rare, the spare bits put equal candidates in the wrong order.
-    for (int slot = 0; slot < end - begin; ++slot)
-      if (!(least[slot] < 0)) winner_[begin + slot] = first_least(begin + slot, costs_of(slot));
-  }
-
-  template <class Unused = void>
-  STEREOPSIS_NOINLINE int first_least(int x, const Scalar* costs) const {
-    const int lo = first_seen(x), hi = end_seen(x);
-    if (left_scale_[x] == 0) return lo;  // a left window without texture: all are equal
-    const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
-    Vector least = splat(ValueOf<T::is_float>::worst);
-    for (int i = lo / kLanes * kLanes; i < hi; i += kLanes)
-      least = Simd::min(Simd::mask(Simd::load(costs + i), keep), least);
-    const Scalar wanted = Simd::reduce_min(least);
-    int i = lo;
-    while (coarse(costs[i]) != wanted) ++i;
-    return i;
   }
 
   static STEREOPSIS_INLINE Vector splat(Scalar v) { return Simd::set(v); }
 
   // The right view's winners so far, with the costs of pixels [begin, end): right pixel by right pixel, that is by mirrored
-  // column, where candidate i of pixel x stands at width - 1 - x + i. Costs out of view are the worst.
-  void take_right_winners(int begin, int end) {
-    const int from = (p_.width - end) / kLanes * kLanes, to = p_.width - 1 - begin + padded_;
-    const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
-    for (int j = from; j < to; j += kLanes) {
-      const int i = j - (p_.width - 1 - begin);  // candidate of pixel `begin` in the first lane; one more a pixel
-      const int first = most(0, 1 - kLanes - i), past = least(end - begin, padded_ - i);
-      const Scalar* STEREOPSIS_RESTRICT costs = costs_of(first) + i + first;
-      const float* STEREOPSIS_RESTRICT scale = left_scale_ + begin;
-      Vector b = Simd::load(right_best_ + j);
-      I column = Simd::load(right_index_ + j), x = Simd::set(begin + first);
-      const I one = Simd::set(1);
-      const size_t pitch = stride() + 1;
-      for (int slot = first; slot < past; ++slot, costs += pitch) {
-        Vector value = Simd::load(costs);
-        if constexpr (T::keyed) value = Simd::mul(Simd::mask(value, keep), Simd::set(scale[slot]));
-        const M better = Simd::less(value, b);
-        b = Simd::select(better, value, b);
-        column = Simd::select(better, x, column);
-        x = Simd::add(x, one);
-      }
-      Simd::store(right_best_ + j, b);
-      Simd::store(right_index_ + j, column);
+  // column, where candidate i of pixel x stands at width - 1 - x + i. In the kept costs that is a diagonal, whose steps
+  // `stride` makes whole vectors. Costs out of view are the worst, and so is what lies around the candidates.
+  STEREOPSIS_NOINLINE void take_right_winners(int begin, int end) {
+    constexpr int abreast = 3;  // as many minima as hide each other's latency
+    int i = -kChunk;
+    for (; i + abreast * kLanes <= padded_; i += abreast * kLanes) take_right_block<abreast>(begin, end, i);
+    for (; i < padded_; i += kLanes) take_right_block<1>(begin, end, i);
+  }
+
+  // N vectors of right pixels, whose candidate of pixel `begin` in the first lane is i; one more a pixel.
+  template <int N>
+  STEREOPSIS_INLINE void take_right_block(const int begin, const int end, const int i) {
+    const size_t step = stride() + 1;
+    const I cut = Simd::set(~static_cast<int32_t>(kSpareBits)), one = Simd::set(1);
+    const Scalar* STEREOPSIS_RESTRICT costs = costs_of(0) + i;
+    Vector b[N];
+    I column[N], slot = Simd::set(T::keyed ? 0 : begin);
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+      b[v] = splat(T::worst);
+      column[v] = Simd::set(begin);
+    });
+    for (int x = begin; x < end; ++x) {
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+        const Vector value = Simd::load(costs + v.value * kLanes);
+        if constexpr (T::keyed) {
+          b[v] = Simd::min(Simd::mark(value, cut, slot), b[v]);
+        } else {
+          column[v] = Simd::select(Simd::less(value, b[v]), slot, column[v]);
+          b[v] = Simd::min(value, b[v]);
+        }
+      });
+      slot = Simd::add(slot, one);
+      costs += step;
     }
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+      const int j = kChunk + (p_.width - 1 - begin) + i + v.value * kLanes;
+      if constexpr (T::keyed) {
+        column[v] = Simd::add(column[v], Simd::mask(Simd::bits(b[v]), static_cast<int32_t>(kSpareBits)));
+        b[v] = Simd::mask(b[v], cut);
+      }
+      const Vector before = Simd::load(right_best_ + j);
+      const M better = Simd::less(b[v], before);
+      Simd::store(right_best_ + j, Simd::select(better, b[v], before));
+      Simd::store(right_index_ + j, Simd::select(better, column[v], Simd::load(right_index_ + j)));
+    });
   }
 
   // The least cost of the candidates that are not next to the winner. Strikes out the stored costs of those that are.
-  void take_second(int begin, int end) {
+  STEREOPSIS_NOINLINE void take_second(int begin, int end) {
     for (int x = begin; x < end; ++x) {
       Scalar* costs = costs_of(x - begin) + winner_[x];
-      costs[-1] = costs[0] = costs[1] = ValueOf<T::is_float>::worst;
+      costs[-1] = costs[0] = costs[1] = T::worst;
     }
-    for (int x = begin; x < end; ++x) {
-      const Scalar* costs = costs_of(x - begin);
-      Vector m = splat(ValueOf<T::is_float>::worst);
-      for (int i = first_seen(x) / kLanes * kLanes; i < end_seen(x); i += kLanes) m = Simd::min(Simd::load(costs + i), m);
-      Simd::store(best_ + static_cast<size_t>(x - begin) * padded_, m);
+    constexpr int abreast = 4;  // as many minima as hide each other's latency
+    // Whole vectors from one at or before the first candidate; what lies around the candidates is the worst.
+    const int before = s_.left_right ? kChunk : 0, count = padded_ + before;
+    const size_t pitch = stride() + (s_.left_right ? 1 : 0);
+    for (int slot = 0; slot < kChunk; slot += abreast) {
+      const Scalar* STEREOPSIS_RESTRICT costs = costs_of(0) - before + slot * pitch;
+      Vector m[abreast];
+      unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA { m[k] = splat(T::worst); });
+      for (int i = 0; i < count; i += kLanes)
+        unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+          m[k] = Simd::min(Simd::load(costs + k.value * pitch + i), m[k]);
+        });
+      unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+        Simd::store(best_ + static_cast<size_t>(slot + k.value) * padded_, m[k]);
+      });
     }
     Scalar least[kChunk];
     Simd::row_minima(best_, padded_, least);
-    for (int x = begin; x < end; ++x) {
-      const Scalar second = least[x - begin];
-      second_[x] = second < ValueOf<T::is_float>::worst ? plain(second, T::keyed ? left_scale_[x] : 1.0f) : second;
-    }
+    for (int x = begin; x < end; ++x) second_[x] = least[x - begin];
+  }
+
+  static void show_correlations(int count, float* STEREOPSIS_RESTRICT kept) {
+    for (int x = 0; x < count; ++x) kept[x] = correlation_cost(kept[x]);
   }
 
   void finish_row(const FusedOutput& out, int y) {
-    RowWinners<Scalar> row{winner_, cost_, before_, after_, second_, {claim_least_, claim_most_}, right_index_};
+    if constexpr (T::keyed) {
+      // A row at once: right after they were stored, one by one, their vectors would have to wait.
+      for (Scalar* kept : {cost_, before_, after_}) show_correlations(p_.width, kept);
+      if (s_.uniqueness) show_correlations(p_.width, second_);
+    }
+    RowWinners<Scalar> row{winner_, cost_, before_, after_, second_, claims_, right_index_ + kChunk};
     finish(p_, s_, row, out, y);
   }
 
@@ -860,11 +888,11 @@ class Narrow {
   int32_t *quad_[C], *weight_a_[C], *weight_b_[C];
   int32_t *left_column_[C], *left_square_[C], *right_column_[C], *right_square_[C];
   int32_t *left_mean_[C], *left_rest_[C], *right_split_[C], *right_mean_[C];
-  float *left_slope_[C], *right_sum_[C];
+  float *left_high_[C], *left_low_[C], *right_sum_[C];
   float *left_scale_, *right_scale_, *norm_;
   int32_t *left_offset_, *right_offset_, *edge_, *edge_square_, *sum_, *square_, *mean_, *rest_, *about_;
   uint8_t *padded_new_, *padded_old_, *mirrored_new_, *mirrored_old_, *plane_;
-  int32_t *right_index_, *winner_, *claim_least_, *claim_most_;
+  int32_t *right_index_, *winner_, *claims_;
   Scalar *cost_, *before_, *after_, *second_;
 };
 

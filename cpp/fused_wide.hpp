@@ -42,8 +42,7 @@ class Wide {
     above_count_ = arena_.take<int64_t>(D);
     right_best_ = arena_.take<Scalar>(static_cast<size_t>(W) + D);
     right_index_ = arena_.take<int32_t>(static_cast<size_t>(W) + D);
-    claim_least_ = arena_.template take<int32_t>(p_.width);
-    claim_most_ = arena_.template take<int32_t>(p_.width);
+    claims_ = arena_.template take<int32_t>(2 * p_.width + 1);
     winner_ = arena_.take<int32_t>(W);
     cost_ = arena_.take<Scalar>(W);
     before_ = arena_.take<Scalar>(W);
@@ -74,7 +73,7 @@ class Wide {
         for (int k = 0; k < s_.window.height; ++k) take_row(k, inside(y - s_.window.above() + k));
       describe_windows();
       if (!match_row(cancel)) return;
-      finish(p_, s_, RowWinners<Scalar>{winner_, cost_, before_, after_, second_, {claim_least_, claim_most_}, right_index_}, out, y);
+      finish(p_, s_, RowWinners<Scalar>{winner_, cost_, before_, after_, second_, claims_, right_index_}, out, y);
     }
   }
 
@@ -273,7 +272,7 @@ class Wide {
   WindowStatistics *window_, *window_right_;
   double* scale_;
   Scalar *costs_, *right_best_, *cost_, *before_, *after_, *second_;
-  int32_t *right_index_, *winner_, *claim_least_, *claim_most_;
+  int32_t *right_index_, *winner_, *claims_;
 };
 
 }  // namespace

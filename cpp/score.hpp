@@ -25,27 +25,79 @@ inline int32_t nearest_mean(int32_t sum, float inverse_n) {
   return static_cast<int32_t>(mean + (mean < 0 ? -0.5f : 0.5f));
 }
 
-// Sum of squared deviations from the mean, from that about the integer q, where rest = sum - n q.
-inline float deviation(int32_t squares_about_q, int32_t rest, float inverse_n) {
-  const float r = static_cast<float>(rest);
-  return static_cast<float>(squares_about_q) - r * r * inverse_n;
+// One over the root of v, or 0 where v is less than `least`: three Newton steps from a first guess by the exponent. Plain
+// operations: a vector of them takes a fraction of the time of a root and a division.
+inline float inverse_root(float v, float least) {
+  uint32_t bits;
+  std::memcpy(&bits, &v, sizeof bits);
+  bits = 0x5F375A86u - (bits >> 1);
+  float y;
+  std::memcpy(&y, &bits, sizeof y);
+  const float half = 0.5f * v;
+  y = y * (1.5f - half * y * y);
+  y = y * (1.5f - half * y * y);
+  y = y * (1.5f - half * y * y);
+  return v >= least ? y : 0.0f;
 }
 
-inline float inverse_root(float v) {
-  const float inverse = 1.0f / std::sqrt(v > 0 ? v : 1.0f);
-  return v > 0 ? inverse : 0.0f;
+// a b + c, rounded once, on every machine. Without the instruction: the product is exact as a double, and their sum
+// rounded to odd first leaves nothing to be rounded twice (Boldo, Melquiond 2008, doi:10.1109/TC.2007.70819).
+inline float fused(float a, float b, float c) {
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+  return std::fma(a, b, c);
+#else
+  const double product = static_cast<double>(a) * b, sum = product + c, back = sum - product;
+  const double lost = (product - (sum - back)) + (c - back);
+  int64_t bits;
+  std::memcpy(&bits, &sum, sizeof bits);
+  const int64_t towards = (lost > 0) == (sum > 0) ? 1 : -1;
+  bits += lost != 0 && !(bits & 1) ? towards : 0;
+  double odd;
+  std::memcpy(&odd, &bits, sizeof odd);
+  return static_cast<float>(odd);
+#endif
 }
 
-// A correlation before the left window's norm is put in, kept to 21 significant bits. Then its product with any such norm
-// keeps the order and the ties of candidates, so that the winner is known without that product; and the three bits that
-// are left say, in the streaming kernel, where the candidate stands.
-constexpr uint32_t kSpareBits = 7;
+// A mean in two parts: a product with the first, taken from a sum of the same size, leaves what the second can mend.
+struct SplitMean {
+  float high, low;
+  static SplitMean of(int32_t sum, double inverse_n) {
+    const double mean = sum * inverse_n;
+    const float high = static_cast<float>(mean);
+    return {high, static_cast<float>(mean - high)};
+  }
+};
+
+// Sum of squared deviations from the mean; the square of a 24-bit sum is exact.
+inline float window_deviation(int32_t square, int32_t sum, double inverse_n) {
+  const double s = sum;
+  return static_cast<float>(square - s * s * inverse_n);
+}
+
+// The least norm that counts as texture: any at all while window sums fit a float's 24 bits. Beyond, the variance must stand
+// out from their rounding: at a 64th of a squared grey level it does, and correlations stay well below kCorrelationBase.
+constexpr int32_t kExactPixels = (1 << 24) / (128 * 255);
+inline float least_norm(CostKind cost, int32_t n, int channels) {
+  if (cost == CostKind::ncc) return 1.0f;
+  return n * channels <= kExactPixels ? 0.25f : static_cast<float>(n * channels) / 64.0f;
+}
+constexpr int32_t kCentre = 128;  // taken from the left image's bytes, so that they have a sign
+
+// A correlation r is kept as kCorrelationBase - r: always positive, so that its bits are ordered like itself, and cut to 20
+// significant bits. The others say, in the streaming kernel, where the candidate stands.
+constexpr float kCorrelationBase = 1.5f;
+constexpr uint32_t kSpareBits = 15;
+constexpr float kWorstKept = 3e38f;  // costs more than any correlation, whatever its spare bits
 inline float coarse(float v) {
   uint32_t bits;
   std::memcpy(&bits, &v, sizeof bits);
   bits &= ~kSpareBits;
   std::memcpy(&v, &bits, sizeof bits);
   return v;
+}
+inline float correlation_cost(float kept) {
+  const float cut = coarse(kept);
+  return cut < 4 ? cut - kCorrelationBase : worst_cost<float>();
 }
 
 // How a cost says "perfect": correlations run from -1, differences from 0.

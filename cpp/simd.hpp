@@ -1,12 +1,15 @@
 // The few vector idioms that plain loops do not give: one struct of static functions per instruction set.
 //
 // A translation unit names its set with STEREOPSIS_ISA (generic, avx2, avx512, avx512vnni) and gets `Simd`. All sets
-// give the same bits: integers are exact, and every float operation is a single IEEE one (no fused multiply-add).
+// give the same bits: integers are exact, and every float operation is a single IEEE one; a multiply-add is fused where the
+// code says so, and nowhere else.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+
+#include "score.hpp"
 
 #define STEREOPSIS_ISA_generic 1
 #define STEREOPSIS_ISA_avx2 2
@@ -71,7 +74,16 @@ struct Simd {
   static STEREOPSIS_INLINE F add(F a, F b) { return _mm512_add_ps(a, b); }
   static STEREOPSIS_INLINE F sub(F a, F b) { return _mm512_sub_ps(a, b); }
   static STEREOPSIS_INLINE F mul(F a, F b) { return _mm512_mul_ps(a, b); }
+  static STEREOPSIS_INLINE F fused(F a, F b, F c) { return _mm512_fmadd_ps(a, b, c); }
   static STEREOPSIS_INLINE F to_float(I a) { return _mm512_cvtepi32_ps(a); }
+  static STEREOPSIS_INLINE I bits(F a) { return _mm512_castps_si512(a); }
+  // Keeps a compiler from loading twice what is used twice: a load that crosses a cache line costs as much as two sums.
+  static STEREOPSIS_INLINE F once(F a) {
+#if defined(__GNUC__)
+    __asm__("" : "+v"(a));
+#endif
+    return a;
+  }
   // a's bits where `keep` has them, and `put` besides
   static STEREOPSIS_INLINE F mark(F a, I keep, I put) {
     return _mm512_castsi512_ps(_mm512_ternarylogic_epi32(_mm512_castps_si512(a), keep, put, 0xEA));
@@ -79,6 +91,16 @@ struct Simd {
   static STEREOPSIS_INLINE F mask(F a, I keep) {
     return _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(a), keep));
   }
+  static STEREOPSIS_INLINE I mask(I a, int32_t keep) { return _mm512_and_si512(a, set(keep)); }
+  // Each lane's sum with those before it.
+  static STEREOPSIS_INLINE I running_sum(I a) {
+    const I zero = _mm512_setzero_si512();
+    a = add(a, _mm512_alignr_epi32(a, zero, 15));
+    a = add(a, _mm512_alignr_epi32(a, zero, 14));
+    a = add(a, _mm512_alignr_epi32(a, zero, 12));
+    return add(a, _mm512_alignr_epi32(a, zero, 8));
+  }
+  static STEREOPSIS_INLINE I last(I a) { return _mm512_permutexvar_epi32(set(15), a); }
   // The first lane that equals v; there is one.
   static STEREOPSIS_INLINE int first_equal(F a, float v) {
     return __builtin_ctz(_mm512_cmp_ps_mask(a, set(v), _CMP_EQ_OQ));
@@ -167,11 +189,27 @@ struct Simd {
   static STEREOPSIS_INLINE F add(F a, F b) { return _mm256_add_ps(a, b); }
   static STEREOPSIS_INLINE F sub(F a, F b) { return _mm256_sub_ps(a, b); }
   static STEREOPSIS_INLINE F mul(F a, F b) { return _mm256_mul_ps(a, b); }
+  static STEREOPSIS_INLINE F fused(F a, F b, F c) { return _mm256_fmadd_ps(a, b, c); }
   static STEREOPSIS_INLINE F to_float(I a) { return _mm256_cvtepi32_ps(a); }
+  static STEREOPSIS_INLINE I bits(F a) { return _mm256_castps_si256(a); }
+  static STEREOPSIS_INLINE F once(F a) {
+#if defined(__GNUC__)
+    __asm__("" : "+x"(a));
+#endif
+    return a;
+  }
   static STEREOPSIS_INLINE F mark(F a, I keep, I put) {
     return _mm256_or_ps(_mm256_and_ps(a, _mm256_castsi256_ps(keep)), _mm256_castsi256_ps(put));
   }
   static STEREOPSIS_INLINE F mask(F a, I keep) { return _mm256_and_ps(a, _mm256_castsi256_ps(keep)); }
+  static STEREOPSIS_INLINE I mask(I a, int32_t keep) { return _mm256_and_si256(a, set(keep)); }
+  static STEREOPSIS_INLINE I running_sum(I a) {
+    a = add(a, _mm256_slli_si256(a, 4));
+    a = add(a, _mm256_slli_si256(a, 8));
+    return add(a, _mm256_permutevar8x32_epi32(_mm256_blend_epi32(a, _mm256_setzero_si256(), 0xF0),
+                                              _mm256_setr_epi32(7, 7, 7, 7, 3, 3, 3, 3)));
+  }
+  static STEREOPSIS_INLINE I last(I a) { return _mm256_permutevar8x32_epi32(a, set(7)); }
   static STEREOPSIS_INLINE int first_equal(F a, float v) {
     return __builtin_ctz(_mm256_movemask_ps(_mm256_cmp_ps(a, set(v), _CMP_EQ_OQ)));
   }
@@ -256,7 +294,16 @@ struct Simd {
   static STEREOPSIS_INLINE F add(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] + b.v[i]); }
   static STEREOPSIS_INLINE F sub(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] - b.v[i]); }
   static STEREOPSIS_INLINE F mul(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] * b.v[i]); }
+  static STEREOPSIS_INLINE F fused(const F& a, const F& b, const F& c) {
+    STEREOPSIS_EACH(F, stereopsis::fused(a.v[i], b.v[i], c.v[i]));
+  }
   static STEREOPSIS_INLINE F to_float(const I& a) { STEREOPSIS_EACH(F, static_cast<float>(a.v[i])); }
+  static STEREOPSIS_INLINE F once(const F& a) { return a; }
+  static STEREOPSIS_INLINE I bits(const F& a) {
+    I r;
+    std::memcpy(r.v, a.v, sizeof r.v);
+    return r;
+  }
   static STEREOPSIS_INLINE float with_bits(float a, int32_t keep, int32_t put) {
     int32_t bits;
     std::memcpy(&bits, &a, sizeof bits);
@@ -268,6 +315,12 @@ struct Simd {
     STEREOPSIS_EACH(F, with_bits(a.v[i], keep.v[i], put.v[i]));
   }
   static STEREOPSIS_INLINE F mask(const F& a, const I& keep) { STEREOPSIS_EACH(F, with_bits(a.v[i], keep.v[i], 0)); }
+  static STEREOPSIS_INLINE I mask(const I& a, int32_t keep) { STEREOPSIS_EACH(I, a.v[i] & keep); }
+  static STEREOPSIS_INLINE I running_sum(I a) {
+    for (int i = 1; i < lanes; ++i) a.v[i] = wrap(static_cast<uint32_t>(a.v[i]) + static_cast<uint32_t>(a.v[i - 1]));
+    return a;
+  }
+  static STEREOPSIS_INLINE I last(const I& a) { return set(a.v[lanes - 1]); }
   static STEREOPSIS_INLINE int first_equal(const F& a, float v) {
     int i = 0;
     while (i + 1 < lanes && a.v[i] != v) ++i;

@@ -1,7 +1,6 @@
 // From a row's winners to its disparities: the checks, the sub-pixel fit, the flags and the confidence.
 #pragma once
 
-#include <cstdlib>
 #include <limits>
 
 #include "fused.hpp"
@@ -12,51 +11,60 @@ namespace {
 
 enum FlagBit : uint8_t { kOccluded = 1, kMismatched = 2, kAmbiguous = 4, kOutOfView = 32 };
 
-// Which left columns the right view's winners chose: by column the least and the greatest of their candidates.
-struct Claims {
-  int32_t *least, *most;  // most is -1 where nobody chose the column
-};
-
 template <class Scalar>
 struct RowWinners {
   const int32_t* winner;  // index of the winning candidate, or -1 where none is in view
   const Scalar *cost, *before, *after;
   const Scalar* second;        // least cost apart from the winner and its neighbours; with uniqueness alone
-  Claims claims;               // scratch of that check, a row long each
-  const int32_t* right_index;  // winner of right pixel x - first - i at [width - 1 - x + i]; with the left-right check alone
+  int32_t* claims;             // scratch, two rows and one long; this and the next with the left-right check alone
+  const int32_t* right_index;  // winner of right pixel x - first - i at [width - 1 - x + i]
 };
 
-inline void collect_claims(const Pair& pair, const int32_t* right_index, const Claims& claims) {
-  const int W = pair.width;
-  for (int x = 0; x < W; ++x) {
-    claims.least[x] = pair.count;
-    claims.most[x] = -1;
-  }
-  // Right pixel W - 1 - first - j for those j that a candidate can have.
-  const int begin = pair.first < 0 ? -pair.first : 0;
-  const int end = W - pair.first < W - 1 + pair.count ? W - pair.first : W - 1 + pair.count;
-  for (int j = begin; j < end; ++j) {
-    const int i = right_index[j];
-    if (i < 0) continue;
-    const int x = W - 1 - j + i;
-    if (i < claims.least[x]) claims.least[x] = i;
-    if (i > claims.most[x]) claims.most[x] = i;
+template <class Scalar>
+inline void check_uniqueness(const Scalar* __restrict costs, const Scalar* __restrict seconds, double perfect, double ratio,
+                             int begin, int end, uint8_t* __restrict flags) {
+  for (int x = begin; x < end; ++x) {
+    const bool near = static_cast<double>(seconds[x]) - perfect <= (static_cast<double>(costs[x]) - perfect) * ratio;
+    flags[x] = static_cast<uint8_t>(flags[x] | (near & (seconds[x] < worst_cost<Scalar>()) ? kAmbiguous : 0));
   }
 }
 
-// Whether the right view's winner at the match of pixel x, candidate i, agrees with it within `tolerance` columns; if not,
-// whether any candidate of x would have been agreed with: then the match is wrong, else the pixel is hidden in the right
-// view (Hirschmueller 2008, doi:10.1109/TPAMI.2007.1166).
-inline uint8_t check_left_right(const int32_t* right, const Claims& claims, int width, int x, int i, int lo, int hi,
-                                int tolerance) {
-  if (std::abs(right[i] - i) <= tolerance) return 0;
-  for (int other = x - tolerance > 0 ? x - tolerance : 0; other < width && other <= x + tolerance; ++other) {
-    // A right pixel that chose candidate k of column `other` is met by candidate k + x - other of column x. Only one end of
-    // the range can cut it off, so the claim that lies farthest from that end decides.
-    const int shift = x - other, k = shift <= 0 ? claims.most[other] : claims.least[other];
-    if (claims.most[other] >= 0 && k + shift >= lo && k + shift < hi) return kMismatched;
+// claims[x] becomes the number of columns before x that are the match of some right pixel, by the right view's winners.
+inline void count_claims(const Pair& pair, const int32_t* __restrict right_index, int32_t* __restrict claims) {
+  const int W = pair.width;
+  for (int x = 0; x <= W; ++x) claims[x] = 0;
+  // Right pixel W - 1 - first - j for those j that a candidate can have.
+  const int begin = pair.first < 0 ? -pair.first : 0;
+  const int end = W - pair.first < W - 1 + pair.count ? W - pair.first : W - 1 + pair.count;
+  for (int j = begin; j < end; ++j)
+    if (right_index[j] >= 0) claims[W - j + right_index[j]] = 1;
+  int32_t count = 0;
+  for (int x = 1; x <= W; ++x) claims[x] = count += claims[x];
+}
+
+// Whether the right view's winner at the match of a pixel agrees with it within `tolerance` columns; if not, whether
+// another right pixel's winner lies within them: then the match is wrong, else the pixel is hidden in the right view
+// (Hirschmueller 2008, doi:10.1109/TPAMI.2007.1166).
+inline void check_left_right(const int32_t* __restrict winner, const int32_t* __restrict right_index,
+                             const int32_t* __restrict claims, int32_t* __restrict why, int width, int tolerance,
+                             int begin, int end, uint8_t* __restrict flags) {
+  const auto reason = [](int32_t claims_around) { return claims_around > 0 ? kMismatched : kOccluded; };
+  const int left = tolerance < width ? tolerance : width, right = width - 1 - left;
+  for (int x = 0; x < left; ++x) why[x] = reason(claims[x < right ? x + left + 1 : width]);
+  for (int x = left; x < right; ++x) why[x] = reason(claims[x + left + 1] - claims[x - left]);
+  for (int x = right > left ? right : left; x < width; ++x) why[x] = reason(claims[width] - claims[x - left]);
+  for (int x = begin; x < end; ++x) {
+    const int apart = right_index[width - 1 - x + winner[x]] - winner[x];
+    flags[x] = static_cast<uint8_t>(flags[x] | ((apart < 0 ? -apart : apart) > tolerance ? why[x] : 0));
   }
-  return kOccluded;
+}
+
+inline void refuse_flagged(const uint8_t* __restrict flags, int width, float* __restrict disparity,
+                           float* __restrict confidence) {
+  for (int x = 0; x < width; ++x) {
+    disparity[x] = flags[x] ? std::numeric_limits<float>::quiet_NaN() : disparity[x];
+    confidence[x] = flags[x] ? 0.0f : confidence[x];
+  }
 }
 
 // Disparity and confidence of pixels [begin, end), all of which see a candidate, as if no check were on.
@@ -96,14 +104,7 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
   const int begin = pair.first > 0 ? (pair.first < W ? pair.first : W) : 0;
   const int seen = pair.first + pair.count + W - 1;
   const int end = seen < W ? (seen > begin ? seen : begin) : W;
-  const auto refuse = [&](int x, uint8_t flag) {
-    flags[x] = flag;
-    if (!flag) return;
-    disparity[x] = std::numeric_limits<float>::quiet_NaN();
-    confidence[x] = 0;
-  };
-  for (int x = 0; x < begin; ++x) refuse(x, kOutOfView);
-  for (int x = end; x < W; ++x) refuse(x, kOutOfView);
+  for (int x = 0; x < W; ++x) flags[x] = x >= begin && x < end ? 0 : kOutOfView;
   switch (settings.subpixel) {
     case Subpixel::none:
       fit<Subpixel::none>(pair, perfect, row, begin, end, disparity, confidence);
@@ -115,25 +116,14 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
       fit<Subpixel::equiangular>(pair, perfect, row, begin, end, disparity, confidence);
       break;
   }
-  if (!settings.uniqueness && !settings.left_right) {
-    for (int x = begin; x < end; ++x) flags[x] = 0;
-    return;
+  if (settings.uniqueness) check_uniqueness(row.cost, row.second, perfect, settings.ratio, begin, end, flags);
+  if (settings.left_right) {
+    // Candidates are whole, so what a tolerance has beyond whole pixels makes no difference.
+    const int tolerance = settings.tolerance < W ? static_cast<int>(settings.tolerance) : W;
+    count_claims(pair, row.right_index, row.claims);
+    check_left_right(row.winner, row.right_index, row.claims, row.claims + W + 1, W, tolerance, begin, end, flags);
   }
-  if (settings.left_right) collect_claims(pair, row.right_index, row.claims);
-  // Candidates are whole, so what a tolerance has beyond whole pixels makes no difference.
-  const int tolerance = settings.tolerance < 2.0 * W ? static_cast<int>(settings.tolerance) : 2 * W;
-  for (int x = begin; x < end; ++x) {
-    uint8_t flag = 0;
-    if (settings.uniqueness && row.second[x] < worst_cost<Scalar>() &&
-        static_cast<double>(row.second[x]) - perfect <= (static_cast<double>(row.cost[x]) - perfect) * settings.ratio)
-      flag |= kAmbiguous;
-    if (settings.left_right) {
-      const int beyond = x - pair.first - (W - 1), reach = x - pair.first + 1;
-      flag |= check_left_right(row.right_index + (W - 1 - x), row.claims, W, x, row.winner[x], beyond > 0 ? beyond : 0,
-                               reach < pair.count ? reach : pair.count, tolerance);
-    }
-    refuse(x, flag);
-  }
+  refuse_flagged(flags, W, disparity, confidence);
 }
 
 }  // namespace

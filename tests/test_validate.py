@@ -66,17 +66,17 @@ def test_uniqueness_of_any_volume(shape, first, margin, seed):
 def test_left_right_by_hand():
     # Pixel 3 says 2, its match 1 says 2: fine. Pixel 2 says 1, its match 1 says 2: off by one.
     index, right = np.array([[0, 1, 1, 2]], np.int32), np.array([[0, 2, 0, 3]], np.int32)
-    np.testing.assert_array_equal(validate.left_right(index, right, 0, 4, 1)[0], [0, 0, 0, 0])
+    np.testing.assert_array_equal(validate.left_right(index, right, 0, 1)[0], [0, 0, 0, 0])
     # At tolerance 0 pixel 1 and its match 0 (which says 0) differ, nor does its other match (1 says 2) agree.
     # Pixel 2: candidate 0 matches 2, which says 0: a wrong match. Pixel 3 agrees.
     np.testing.assert_array_equal(
-        validate.left_right(index, right, 0, 4, 0)[0], [0, Flag.OCCLUDED, Flag.MISMATCHED, 0]
+        validate.left_right(index, right, 0, 0)[0], [0, Flag.OCCLUDED, Flag.MISMATCHED, 0]
     )
 
 
 def test_left_right_leaves_alone_what_has_no_winner():
     index = np.full((1, 3), -1, np.int32)
-    assert not validate.left_right(index, index, 5, 2, 0).any()
+    assert not validate.left_right(index, index, 5, 0).any()
 
 
 @given(
@@ -95,8 +95,8 @@ def test_left_right_of_any_volume(height, width, first, count, tolerance, seed):
         winners.right(volume, first).astype(np.int32),
     )
     np.testing.assert_array_equal(
-        validate.left_right(index, right, first, count, tolerance),
-        reference.left_right(index, right, first, count, tolerance),
+        validate.left_right(index, right, first, tolerance),
+        reference.left_right(index, right, first, tolerance),
     )
 
 

@@ -221,7 +221,7 @@ def _compose(
             ambiguous = validate.uniqueness(winners.cost, winners.second, perfect, chosen.uniqueness)
             _refuse(ambiguous & (winners.index >= 0), Flag.AMBIGUOUS, disparity, confidence, flags)
         if chosen.left_right is not None:
-            failed = validate.left_right(winners.index, right, seen.min, seen.span, chosen.left_right)
+            failed = validate.left_right(winners.index, right, seen.min, chosen.left_right)
             for flag in (Flag.OCCLUDED, Flag.MISMATCHED):
                 _refuse(failed == flag, flag, disparity, confidence, flags)
 

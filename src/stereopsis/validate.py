@@ -32,19 +32,19 @@ def uniqueness(cost: npt.NDArray[Any], second: npt.NDArray[Any], perfect: float,
 
 
 def left_right(
-    index: npt.NDArray[np.int32], right: npt.NDArray[np.int32], first: int, count: int, tolerance: float
+    index: npt.NDArray[np.int32], right: npt.NDArray[np.int32], first: int, tolerance: float
 ) -> npt.NDArray[np.uint8]:
     """Where the right view's winner at the match differs by more than `tolerance` pixels.
 
-    A pixel that fails is `Flag.MISMATCHED` where some other candidate would have been agreed with, else
-    `Flag.OCCLUDED` [1]_.
+    A pixel that fails is `Flag.MISMATCHED` where some right pixel's winner lies within the tolerance of it, else
+    `Flag.OCCLUDED` [1]_: nothing in the right image is its match.
 
     Parameters
     ----------
     index, right : ndarray of int32, (H, W)
         Winners of both views, as candidate numbers.
-    first, count : int
-        Disparity of candidate 0, and how many there are.
+    first : int
+        Disparity of candidate 0.
     tolerance : float
         Pixels.
 
@@ -58,22 +58,21 @@ def left_right(
     .. [1] H. Hirschmueller, Stereo processing by semiglobal matching and mutual information,
        IEEE TPAMI 30(2), 2008, doi:10.1109/TPAMI.2007.1166.
     """
-    columns = np.arange(index.shape[1])
-
-    def agrees(candidate: npt.NDArray[Any]) -> BoolMap:
-        there = columns - first - candidate
-        seen: BoolMap = (there >= 0) & (there < index.shape[1])
-        answer = np.take_along_axis(right, np.clip(there, 0, index.shape[1] - 1), axis=1)
-        close: BoolMap = np.abs(answer - candidate) <= tolerance
-        return seen & close
-
-    possible = np.zeros(index.shape, bool)
-    for candidate in range(count):
-        possible |= agrees(np.full(index.shape, candidate, np.int32))
-    failed = (index >= 0) & ~agrees(index)
+    width = index.shape[1]
+    columns = np.arange(width)
+    match = np.clip(columns - first - index, 0, width - 1)
+    failed = (index >= 0) & (np.abs(np.take_along_axis(right, match, axis=1) - index) > tolerance)
+    # Left columns that some right pixel's winner points to, counted from the left.
+    claimed_columns = columns + first + right
+    rows, there = np.nonzero((right >= 0) & (claimed_columns >= 0) & (claimed_columns < width))
+    claims = np.zeros((index.shape[0], width + 1), np.int32)
+    claims[rows, claimed_columns[rows, there] + 1] = 1
+    claims = np.cumsum(claims, axis=1, dtype=np.int32)
+    reach = int(min(tolerance, width))
+    claimed = claims[:, np.minimum(columns + reach + 1, width)] > claims[:, np.maximum(columns - reach, 0)]
     flags = np.zeros(index.shape, np.uint8)
-    flags[failed & possible] = Flag.MISMATCHED
-    flags[failed & ~possible] = Flag.OCCLUDED
+    flags[failed & claimed] = Flag.MISMATCHED
+    flags[failed & ~claimed] = Flag.OCCLUDED
     return flags
 
 

@@ -7,18 +7,16 @@ from reference.cost import windows
 OCCLUDED, MISMATCHED = 1, 2
 
 
-def left_right(index, right, first, count, tolerance):
+def left_right(index, right, first, tolerance):
     height, width = index.shape
     flags = np.zeros(index.shape, np.uint8)
     for y in range(height):
+        claimed = [x + first + right[y, x] for x in range(width) if right[y, x] >= 0]
         for x in range(width):
-
-            def agrees(i, y=y, x=x):
-                there = x - first - i
-                return 0 <= there < width and abs(right[y, there] - i) <= tolerance
-
-            if index[y, x] >= 0 and not agrees(index[y, x]):
-                flags[y, x] = MISMATCHED if any(agrees(i) for i in range(count)) else OCCLUDED
+            i = index[y, x]
+            if i >= 0 and abs(right[y, x - first - i] - i) > tolerance:
+                near = any(abs(column - x) <= tolerance for column in claimed)
+                flags[y, x] = MISMATCHED if near else OCCLUDED
     return flags
 
 

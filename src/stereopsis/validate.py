@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import DisparityMap, Flag
+from stereopsis.types import EVERY, DisparityMap, Flag, Sampling
 
 BoolMap = npt.NDArray[np.bool_]
 
@@ -32,7 +32,12 @@ def uniqueness(cost: npt.NDArray[Any], second: npt.NDArray[Any], perfect: float,
 
 
 def left_right(
-    index: npt.NDArray[np.int32], right: npt.NDArray[np.int32], first: int, count: int, tolerance: float
+    index: npt.NDArray[np.int32],
+    right: npt.NDArray[np.int32],
+    first: int,
+    count: int,
+    tolerance: float,
+    sampling: Sampling = EVERY,
 ) -> npt.NDArray[np.uint8]:
     """Where the right view's winner at the match differs by more than `tolerance` pixels.
 
@@ -41,16 +46,17 @@ def left_right(
 
     Parameters
     ----------
-    index, right : ndarray of int32, (H, W)
-        Winners of both views, as candidate numbers.
+    index, right : ndarray of int32, (H, W') and (H, W)
+        Winners of both views, as candidate numbers. Column k of the first is column ``k * step``.
     first, count : int
-        Disparity of candidate 0, and how many there are.
+        Disparity of candidate 0, and how many there are, ``disparity_step`` apart.
     tolerance : float
         Pixels.
+    sampling : Sampling
 
     Returns
     -------
-    ndarray of uint8, (H, W)
+    ndarray of uint8, (H, W')
         Bits of `Flag`.
 
     References
@@ -58,13 +64,13 @@ def left_right(
     .. [1] H. Hirschmueller, Stereo processing by semiglobal matching and mutual information,
        IEEE TPAMI 30(2), 2008, doi:10.1109/TPAMI.2007.1166.
     """
-    columns = np.arange(index.shape[1])
+    columns = np.arange(index.shape[1]) * sampling.step
 
     def agrees(candidate: npt.NDArray[Any]) -> BoolMap:
-        there = columns - first - candidate
-        seen: BoolMap = (there >= 0) & (there < index.shape[1])
-        answer = np.take_along_axis(right, np.clip(there, 0, index.shape[1] - 1), axis=1)
-        close: BoolMap = np.abs(answer - candidate) <= tolerance
+        there = columns - first - candidate * sampling.disparity_step
+        seen: BoolMap = (there >= 0) & (there < right.shape[1])
+        answer = np.take_along_axis(right, np.clip(there, 0, right.shape[1] - 1), axis=1)
+        close: BoolMap = np.abs(answer - candidate) * sampling.disparity_step <= tolerance
         return seen & close
 
     possible = np.zeros(index.shape, bool)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, validate, weigh
 from stereopsis.settings import Settings
+from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
@@ -137,11 +138,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     with _timed(timings, "read"):
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
-    composed = (
-        bool(COMPOSED_ONLY & set(chosen.keep))
-        or chosen.cost.support is not None
-        or _sampling(chosen) != EVERY
-    )
+    composed = not _streams(chosen)
 
     if seen is None:
         disparity, confidence, flags = _nothing_in_view(pair.left.shape[:2])
@@ -254,6 +251,17 @@ def _compose(
         nearest = np.ix_(_nearest(height, sampling.step), _nearest(width, sampling.step))
         return disparity[nearest], confidence[nearest], flags[nearest]
     return disparity, confidence, flags
+
+
+def _streams(chosen: Settings) -> bool:
+    """Whether the streaming path serves these settings."""
+    if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY:
+        return False
+    match chosen.cost.support:
+        case None:
+            return True
+        case Gaussian() | Bilateral() | Cross() | Adaptive():
+            return False
 
 
 def _sampling(chosen: Settings) -> Sampling:

@@ -199,8 +199,8 @@ class Adaptive(_Support):
     """
 
     smallest: int | tuple[int, int]
-    largest: int | tuple[int, int] = (81, 21)
-    pixels: float = 80
+    largest: int | tuple[int, int] = (161, 15)
+    pixels: float = 60
     gradient: float = 2
 
     def __post_init__(self) -> None:

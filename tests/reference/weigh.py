@@ -106,6 +106,7 @@ def weights(support, image, unit=1.0):
 def between(kind, weight, left, right):
     """The cost of two windows, (n, C), whose pixels weigh (n,)."""
     weight = weight[:, None] / weight.sum()
+    wholes = [(weight * window**2).sum() for window in (left, right)]
     if kind == "sad":
         return (weight * abs(left - right)).sum()
     if kind == "ssd":
@@ -117,9 +118,11 @@ def between(kind, weight, left, right):
         return (weight * abs(left - right)).sum()
     if kind == "zssd":
         return (weight * (left - right) ** 2).sum()
-    norm = np.sqrt((weight * left**2).sum() * (weight * right**2).sum())
-    # A window whose norm is rounding alone has none.
-    return -(weight * left * right).sum() / norm if norm > 1e-6 else 0.0
+    squares = [(weight * centred**2).sum() for centred in (left, right)]
+    norm = np.sqrt(squares[0] * squares[1])
+    # Under a millionth of a millionth of the mean square, it is rounding alone.
+    has_norm = all(square > 1e-12 * whole for square, whole in zip(squares, wholes, strict=True))
+    return -(weight * left * right).sum() / norm if has_norm else 0.0
 
 
 def volume(support, kind, left, right, disparities, unit=1.0, step=1):

@@ -98,23 +98,33 @@ void bind_grey(nb::module_& m) {
   });
 }
 
+Lattice lattice_of(int width, int step, int disparity_step, int columns) {
+  require(width >= 1 && step >= 1 && disparity_step >= 1, "width and steps run from 1");
+  require(columns == sampled(width, step), "wrong array shape");
+  return {width, step, disparity_step};
+}
+
 template <class T>
 void bind_select(nb::module_& m) {
   m.def("select_left",
-        [](const Array<const T, 3>& volume, int first, const Array<int32_t, 2>& index, const Array<T, 2>& cost,
-           const Array<T, 2>& before, const Array<T, 2>& after, const Array<T, 2>& second, int threads) {
+        [](const Array<const T, 3>& volume, int first, int width, int step, int disparity_step,
+           const Array<int32_t, 2>& index, const Array<T, 2>& cost, const Array<T, 2>& before, const Array<T, 2>& after,
+           const Array<T, 2>& second, int threads) {
           const int H = volume.shape(0), W = volume.shape(1), D = volume.shape(2);
+          const Lattice lattice = lattice_of(width, step, disparity_step, W);
           require_shape(index, H, W);
           for (const auto* array : {&cost, &before, &after, &second}) require_shape(*array, H, W);
           run(threads, [&](const Workers& workers) {
-            select_left<T>(volume.data(), H, W, D, first,
+            select_left<T>(volume.data(), H, lattice, D, first,
                            {index.data(), cost.data(), before.data(), after.data(), second.data()}, workers);
           });
         });
-  m.def("select_right", [](const Array<const T, 3>& volume, int first, const Array<int32_t, 2>& index, int threads) {
+  m.def("select_right", [](const Array<const T, 3>& volume, int first, int width, int step, int disparity_step,
+                           const Array<int32_t, 2>& index, int threads) {
     const int H = volume.shape(0), W = volume.shape(1), D = volume.shape(2);
-    require_shape(index, H, W);
-    run(threads, [&](const Workers& workers) { select_right<T>(volume.data(), H, W, D, first, index.data(), workers); });
+    const Lattice lattice = lattice_of(width, step, disparity_step, W);
+    require_shape(index, H, width);
+    run(threads, [&](const Workers& workers) { select_right<T>(volume.data(), H, lattice, D, first, index.data(), workers); });
   });
 }
 
@@ -129,6 +139,74 @@ void bind_score(nb::module_& m) {
     require(!narrow || narrow_fits(window, pair.channels), "window too large for 32-bit sums");
     run(threads, [&](const Workers& workers) {
       score(pair, window, static_cast<CostKind>(cost), narrow, sums.data(), costs.data(), workers);
+    });
+  });
+}
+
+// The cost volume of a support, handed to `work` with everything that the kernels share.
+template <class Work>
+void support_volume(const Pixels& left, const Pixels& right, int first, int cost, int step, int disparity_step,
+                    const Array<float, 3>& costs, int threads, const std::string& instructions, Work work) {
+  const Pair pair = pair_of(left, right, first, static_cast<int>(costs.shape(2)));
+  require(step >= 1 && disparity_step >= 1, "steps run from 1");
+  require_shape(costs, sampled(pair.height, step), sampled(pair.width, step), pair.count);
+  const SupportKernels& kernels = *choose_kernel(instructions).supports;
+  run(threads, [&](const Workers& workers) {
+    work(pair, static_cast<CostKind>(cost), Sampling{step, disparity_step}, kernels, workers);
+  });
+}
+
+const Reach* reach_of(const Array<const int32_t, 3>& reach) { return reinterpret_cast<const Reach*>(reach.data()); }
+
+void bind_supports(nb::module_& m) {
+  m.def("separable_costs",
+        [](const Pixels& left, const Pixels& right, int first, int cost, int step, int disparity_step,
+           const Array<const double, 1>& taps, const Array<float, 3>& costs, int threads, const std::string& instructions) {
+          require(taps.shape(0) % 2 == 1 && taps.shape(0) < 4096, "an odd number of taps");
+          const int radius = static_cast<int>(taps.shape(0) / 2);
+          support_volume(left, right, first, cost, step, disparity_step, costs, threads, instructions,
+                         [&](const Pair& pair, CostKind kind, const Sampling& sampling, const SupportKernels& kernels,
+                             const Workers& workers) {
+                           separable_costs(pair, kind, sampling, taps.data(), radius, costs.data(), kernels, workers);
+                         });
+        });
+  m.def("reach_costs",
+        [](const Pixels& left, const Pixels& right, int first, int cost, int step, int disparity_step, bool cross,
+           const Array<const int32_t, 3>& reach, const Array<float, 3>& costs, int threads, const std::string& instructions) {
+          const int H = static_cast<int>(left.shape(0)), W = static_cast<int>(left.shape(1));
+          require_shape(reach, H, W, 4);
+          for (int y = 0; y < H; ++y)
+            for (int x = 0; x < W; ++x) {
+              const Reach& r = reach_of(reach)[static_cast<size_t>(y) * W + x];
+              for (const int side : {r.left, r.right, r.above, r.below}) require(0 <= side && side <= 255, "reaches run to 255");
+              require(!cross || (r.left <= x && x + r.right < W && r.above <= y && y + r.below < H), "arms leave the image");
+            }
+          support_volume(left, right, first, cost, step, disparity_step, costs, threads, instructions,
+                         [&](const Pair& pair, CostKind kind, const Sampling& sampling, const SupportKernels& kernels,
+                             const Workers& workers) {
+                           reach_costs(pair, kind, sampling, cross, reach_of(reach), costs.data(), kernels, workers);
+                         });
+        });
+  m.def("bilateral_costs",
+        [](const Pixels& left, const Pixels& right, int first, int cost, int step, int disparity_step, int window_width,
+           int window_height, double sigma_space, double sigma_colour, const Array<float, 3>& costs, int threads,
+           const std::string& instructions) {
+          const Window window = window_of(window_width, window_height);
+          require(sigma_space > 0 && sigma_colour > 0, "sigmas are positive");
+          support_volume(left, right, first, cost, step, disparity_step, costs, threads, instructions,
+                         [&](const Pair& pair, CostKind kind, const Sampling& sampling, const SupportKernels& kernels,
+                             const Workers& workers) {
+                           bilateral_costs(pair, kind, sampling, window, sigma_space, sigma_colour, costs.data(), kernels,
+                                           workers);
+                         });
+        });
+  m.def("cross_arms", [](const Pixels& image, int arm, double threshold, const Array<int32_t, 3>& reach, int threads) {
+    const int H = static_cast<int>(image.shape(0)), W = static_cast<int>(image.shape(1));
+    require(1 <= arm && arm <= 255, "arms run from 1 to 255");
+    require_shape(reach, H, W, 4);
+    run(threads, [&](const Workers& workers) {
+      cross_arms(image.data(), H, W, static_cast<int>(image.shape(2)), arm, threshold,
+                 reinterpret_cast<Reach*>(reach.data()), workers);
     });
   });
 }
@@ -177,6 +255,8 @@ NB_MODULE(_core, m) {
     require_shape(costs, pair.height, pair.width, pair.count);
     run(threads, [&](const Workers& workers) { score_zsad(pair, window, costs.data(), workers); });
   });
+
+  bind_supports(m);
 
   bind_select<int64_t>(m);
   bind_select<float>(m);

@@ -53,6 +53,8 @@ inline bool narrow_fits(const Window& window, int channels) { return window.area
 
 using Cancel = std::atomic<bool>;
 
+struct SupportKernels;
+
 // What one build of the kernels offers. `rows` matches rows [begin, end): of uint8 images where `narrow`, of int32 ones
 // (16-bit pixels, or 21-bit fixed point) where not; `scratch` is 64-byte aligned and holds `scratch_bytes`; it stops
 // early when `cancel` is set.
@@ -61,6 +63,7 @@ struct FusedKernel {
   size_t (*scratch_bytes)(const Pair&, const FusedSettings&, bool narrow);
   void (*rows)(const Pair&, const FusedSettings&, bool narrow, const FusedOutput&, int begin, int end, void* scratch,
                const Cancel& cancel);
+  const SupportKernels* supports;  // costs over weighted supports: supports.hpp
 };
 
 }  // namespace stereopsis

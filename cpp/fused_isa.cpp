@@ -53,8 +53,9 @@ void rows(const Pair& pair, const FusedSettings& settings, bool narrow, const Fu
 
 }  // namespace
 
+extern const SupportKernels supports;
 extern const FusedKernel kernel;
-const FusedKernel kernel = {STEREOPSIS_TEXT(STEREOPSIS_ISA), scratch_bytes, rows};
+const FusedKernel kernel = {STEREOPSIS_TEXT(STEREOPSIS_ISA), scratch_bytes, rows, &supports};
 
 }  // namespace STEREOPSIS_ISA
 }  // namespace stereopsis

@@ -6,14 +6,17 @@
 namespace stereopsis {
 
 template <class T>
-void select_left(const T* volume, int height, int width, int count, int first, const Winners<T>& winners,
+void select_left(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
                  const Workers& workers) {
+  const int columns = sampled(lattice.width, lattice.step), apart = lattice.disparity_step;
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
-      for (int x = 0; x < width; ++x) {
-        const size_t at = static_cast<size_t>(y) * width + x;
+      for (int column = 0; column < columns; ++column) {
+        const size_t at = static_cast<size_t>(y) * columns + column;
         const T* costs = volume + at * count;
-        const int lo = std::max(0, x - first - (width - 1)), hi = std::min(count, x - first + 1);
+        const int highest = column * lattice.step - first, lowest = highest - (lattice.width - 1);
+        const int lo = lowest <= 0 ? 0 : (lowest + apart - 1) / apart;
+        const int hi = highest < 0 ? 0 : std::min(count, highest / apart + 1);
         winners.index[at] = -1;
         winners.cost[at] = winners.before[at] = winners.after[at] = winners.second[at] = worst_cost<T>();
         if (hi <= lo) continue;
@@ -29,16 +32,18 @@ void select_left(const T* volume, int height, int width, int count, int first, c
 }
 
 template <class T>
-void select_right(const T* volume, int height, int width, int count, int first, int32_t* index, const Workers& workers) {
+void select_right(const T* volume, int height, const Lattice& lattice, int count, int first, int32_t* index,
+                  const Workers& workers) {
+  const int width = lattice.width, columns = sampled(width, lattice.step);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
       for (int xr = 0; xr < width; ++xr) {
         int best = -1;
         T least = worst_cost<T>();
         for (int i = 0; i < count; ++i) {
-          const int x = xr + first + i;
-          if (x < 0 || x >= width) continue;
-          const T cost = volume[(static_cast<size_t>(y) * width + x) * count + i];
+          const int x = xr + first + i * lattice.disparity_step;
+          if (x < 0 || x >= width || x % lattice.step != 0) continue;
+          const T cost = volume[(static_cast<size_t>(y) * columns + x / lattice.step) * count + i];
           if (best < 0 || cost < least) {
             best = i;
             least = cost;
@@ -49,9 +54,9 @@ void select_right(const T* volume, int height, int width, int count, int first, 
   });
 }
 
-template void select_left(const int64_t*, int, int, int, int, const Winners<int64_t>&, const Workers&);
-template void select_left(const float*, int, int, int, int, const Winners<float>&, const Workers&);
-template void select_right(const int64_t*, int, int, int, int, int32_t*, const Workers&);
-template void select_right(const float*, int, int, int, int, int32_t*, const Workers&);
+template void select_left(const int64_t*, int, const Lattice&, int, int, const Winners<int64_t>&, const Workers&);
+template void select_left(const float*, int, const Lattice&, int, int, const Winners<float>&, const Workers&);
+template void select_right(const int64_t*, int, const Lattice&, int, int, int32_t*, const Workers&);
+template void select_right(const float*, int, const Lattice&, int, int, int32_t*, const Workers&);
 
 }  // namespace stereopsis

@@ -7,6 +7,7 @@
 
 #include "fused.hpp"
 #include "score.hpp"
+#include "supports.hpp"
 
 namespace stereopsis {
 
@@ -36,6 +37,19 @@ void score(const Pair& pair, const Window& window, CostKind cost, bool narrow, c
 // ZSAD has no sums to start from.
 void score_zsad(const Pair& pair, const Window& window, float* costs, const Workers& workers);
 
+// ---- cost, aggregate, score at once over supports beyond the box: mean costs, (H / step, W / step, D) ----------------
+// Weights taps[j + radius] taps[i + radius], which sum to 1.
+void separable_costs(const Pair& pair, CostKind cost, const Sampling& sampling, const double* taps, int radius, float* costs,
+                     const SupportKernels& kernels, const Workers& workers);
+// Rectangles that reach as far as each pixel's `reach` says, edge pixels repeated; or crosses, which stay inside the image.
+void reach_costs(const Pair& pair, CostKind cost, const Sampling& sampling, bool cross, const Reach* reach, float* costs,
+                 const SupportKernels& kernels, const Workers& workers);
+void bilateral_costs(const Pair& pair, CostKind cost, const Sampling& sampling, const Window& window, double sigma_space,
+                     double sigma_colour, float* costs, const SupportKernels& kernels, const Workers& workers);
+// How far each pixel's arms go until a channel differs by more than `threshold`, at most `arm`, at least 1 inside the image.
+void cross_arms(const int32_t* image, int height, int width, int channels, int arm, double threshold, Reach* reach,
+                const Workers& workers);
+
 // ---- select: winner-take-all for the left and for the right view ----------------------------------------------------
 // (H, W) each. The winner's index (-1 where nothing is in view), its cost, its two neighbours' costs (its own where
 // there is none), and the least cost apart from these three (`worst` where there is none).
@@ -44,11 +58,18 @@ struct Winners {
   int32_t* index;
   T *cost, *before, *after, *second;
 };
+// What of the image a volume holds: columns 0, step, 2 step, ... of `width`, and candidates `disparity_step` apart.
+struct Lattice {
+  int width, step, disparity_step;
+  Lattice(int width, int step = 1, int disparity_step = 1) : width(width), step(step), disparity_step(disparity_step) {}
+};
 template <class T>
-void select_left(const T* volume, int height, int width, int count, int first, const Winners<T>& winners,
+void select_left(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
                  const Workers& workers);
+// `index` is (H, width): of the right image every column.
 template <class T>
-void select_right(const T* volume, int height, int width, int count, int first, int32_t* index, const Workers& workers);
+void select_right(const T* volume, int height, const Lattice& lattice, int count, int first, int32_t* index,
+                  const Workers& workers);
 
 // ---- the same three stages at once, streaming ------------------------------------------------------------------------
 void match(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedKernel& kernel, const FusedOutput& out,

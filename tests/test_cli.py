@@ -108,6 +108,12 @@ class TestMatch:
         counts = {flag.name.lower(): int(np.sum((expected.flags & flag) != 0)) for flag in st.Flag}
         assert said["flags"] == counts
 
+    def test_a_support_is_told_as_it_is_written(self, folder: Path, capsys: Capture) -> None:
+        words = ["match", "left.png", "right.png", "--disparities", "0:9"]
+        words += ["--set", "cost=sad", "--set", "window=gaussian:1.5"]
+        assert report(capsys, *words)["settings"]["cost"] == {"name": "sad", "window": "gaussian:1.5,4"}
+        assert "sad, window gaussian:1.5,4" in run(capsys, *words)
+
     def test_each_output_in_the_format_of_its_name(self, folder: Path, capsys: Capture) -> None:
         names = ["a.png", "b.pfm", "c.npy", "d.tif", "preview.png", "f.jpg", "g.ply"]
         outputs = [word for name in names for word in ("-o", name)]
@@ -225,6 +231,7 @@ class TestRefusals:
             ("right.png --set cost=zmcc", ["zmcc", "zncc"]),
             ("right.png --set cost=zncc --set window=wide", ["window", "wide"]),
             ("right.png --set cost=zncc --set window=256", ["window", "256"]),
+            ("right.png --set cost=zncc --set window=gaus:5", ["window", "gaussian"]),
             ("right.png --set window", ["window"]),
             ("right.png --preset fasst", ["fasst", "fast"]),
             ("right.png --settings nowhere.toml", ["nowhere.toml"]),

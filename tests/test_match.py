@@ -830,3 +830,55 @@ print((peak() - before - outputs) / 2**20)
 def test_streaming_needs_little_memory(cost):
     # A volume of these costs would take 3 GiB. Read-outs are whole pages, and the allocator keeps some.
     assert float(python(PEAK, cost)) < 64
+
+
+# ---- supports ------------------------------------------------------------------------------------
+
+SUPPORTS = (st.Gaussian(1.5), st.Bilateral(7, 4, 60), st.Cross(4, 60), st.Adaptive(5, 9, 12, 20))
+every_support = pytest.mark.parametrize("support", SUPPORTS, ids=str)
+
+
+@every_support
+@every_cost
+def test_a_support_is_a_window_like_any_other(cost, support):
+    left, right = shifted(shape=(24, 60))
+    keep = ("costs", "right_disparity", "texture", "unfiltered")
+    result = st.match(
+        left, right, disparities=(-2, 12), cost=cost(support), left_right=1, uniqueness=1, keep=keep
+    )
+    assert result.path == "composed"
+    assert result.settings.cost.window == support
+    assert result.stages["costs"].dtype == np.float32
+    assert result.stages["costs"].shape == (24, 60, 14)
+    found = result.disparity[:, 8:]
+    assert np.isfinite(found).mean() > 0.8
+    assert (abs(found[np.isfinite(found)] - 5) < 0.5).mean() > 0.95
+    assert 0 < result.confidence.max() <= 1
+    assert (result.flags != 0).any()
+    assert (result.flags[np.isnan(result.disparity)] != 0).all()
+
+
+@every_support
+def test_costs_of_a_support_are_in_the_images_own_units(support):
+    left, right = (image.astype(np.float32) / 7 for image in shifted())
+    result = st.match(left, right, disparities=(0, 9), cost=st.SAD(support), keep="costs")
+    assert abs(result.stages["costs"][:, 15:-10, 5]).max() < 1e-4
+    assert 1 < np.median(result.stages["costs"][:, 15:, 0]) < 36
+
+
+@every_support
+def test_a_support_where_nothing_is_in_view(support):
+    image = noise((4, 8))
+    result = st.match(image, image, disparities=(8, 11), cost=st.SAD(support), keep="costs")
+    assert result.stages["costs"].shape == (4, 8, 3)
+    assert np.isinf(result.stages["costs"]).all()
+    assert (result.flags == Flag.OUT_OF_VIEW).all()
+
+
+@every_support
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 3)])
+def test_a_support_larger_than_the_image(shape, support):
+    image = noise(shape)
+    for cost in COSTS:
+        found = st.match(image, image, disparities=(0, 1), cost=cost(support), subpixel=None).disparity
+        np.testing.assert_array_equal(found, 0)

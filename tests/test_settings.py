@@ -14,13 +14,24 @@ from stereopsis.settings import COSTS, DEFAULT_PRESET, KEEP, PRESETS, as_dispari
 PLAIN = Settings()
 sides = some.integers(1, 255)
 numbers = some.none() | some.integers(0, 100) | some.floats(0, 1e9, allow_subnormal=True)
+positive = some.integers(1, 300) | some.floats(1e-9, 1e9)
+supports = (
+    some.builds(st.Gaussian, some.floats(1e-3, 100), some.floats(0.1, 10))
+    | some.builds(st.Bilateral, sides | some.tuples(sides, sides), positive, positive)
+    | some.builds(st.Cross, sides, positive)
+    | some.builds(
+        lambda a, b, c, d, *rest: st.Adaptive((min(a, b), min(c, d)), (max(a, b), max(c, d)), *rest),
+        *(sides, sides, sides, sides),
+        *(positive, positive),
+    )
+)
 any_settings = some.builds(
     Settings,
     disparities=some.none() | some.tuples(some.integers(-1000, 0), some.integers(1, 1000)),
     cost=some.builds(
         lambda cost, window: cost(window),
         some.sampled_from(list(COSTS.values())),
-        sides | some.tuples(sides, sides),
+        sides | some.tuples(sides, sides) | supports,
     ),
     channels=some.sampled_from(["grey", "separate"]),
     subpixel=some.sampled_from([None, "parabola", "equiangular"]),
@@ -32,6 +43,8 @@ any_settings = some.builds(
     | some.integers(0, 10**6)
     | some.tuples(some.integers(0, 2**31 - 1), some.floats(0, 1e6)),
     fill=some.sampled_from([None, "background"]),
+    step=some.integers(1, 255),
+    disparity_step=some.integers(1, 255),
     threads=some.integers(0, 4096),
     keep=some.sets(some.sampled_from(KEEP)).map(lambda kept: tuple(sorted(kept))),
     preset=some.sampled_from([None, *PRESETS]),
@@ -71,6 +84,98 @@ def test_equal_windows_are_equal_costs():
 def test_windows_that_are_none(text):
     with pytest.raises(ValueError, match="window must be"):
         window_size(text)
+
+
+# ---- supports ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "support"),
+    [
+        ("gaussian:5", st.Gaussian(5)),
+        ("Gaussian: 2.5, 3", st.Gaussian(sigma=2.5, truncate=3)),
+        ("bilateral:31", st.Bilateral(31)),
+        ("bilateral:31x15,10,12.5", st.Bilateral((31, 15), 10, 12.5)),
+        ("cross:17,20", st.Cross(17, 20)),
+        ("adaptive:9", st.Adaptive(9)),
+        ("adaptive:9,41", st.Adaptive(9, 41)),
+        ("adaptive:25X7,81x21,60,3", st.Adaptive((25, 7), (81, 21), 60, 3)),
+    ],
+)
+def test_supports_as_text(text, support):
+    assert st.SAD(text).window == support
+    assert st.SAD(text).support is st.SAD(text).window or st.SAD(text).support == support
+    assert Settings.make(assignments=[f"window={text}"]).cost == st.ZNCC(window=support)
+    assert Settings.from_toml(f'window = "{text}"').cost == st.ZNCC(support)
+    assert st.SAD(str(support)) == st.SAD(support)
+    assert PLAIN.changed(window=text).changed(cost="sad").cost == st.SAD(support)
+
+
+def test_supports_say_how_they_are_written():
+    assert str(st.Gaussian(5)) == "gaussian:5,4"
+    assert str(st.Bilateral((31, 15), 10, 12.5)) == "bilateral:31x15,10,12.5"
+    assert Settings(cost=st.SSD(st.Gaussian(1.5))).to_dict()["cost"] == {
+        "name": "ssd",
+        "window": "gaussian:1.5,4",
+    }
+    assert 'window = "cross:17,20"\n' in Settings(cost=st.ZNCC(st.Cross(17))).to_toml()
+
+
+def test_supports_by_their_box():
+    assert st.ZNCC(9).support is None
+    # The variance of a box of n pixels is (n^2 - 1) / 12, about that of sigma = n / sqrt(12).
+    assert st.ZNCC(st.Gaussian(5)).size == (19, 19)
+    assert st.ZNCC(st.Gaussian(200, 1)).size == (255, 255)
+    assert st.ZNCC(st.Bilateral((31, 15))).size == (31, 15)
+    assert st.ZNCC(st.Cross(17)).size == (35, 35)
+    assert st.ZNCC(st.Adaptive(9, 41)).size == (41, 41)
+    assert st.Gaussian(5).radius == 20
+    assert st.Gaussian(0.1).radius == 0
+
+
+def test_equal_supports_are_equal():
+    assert st.Gaussian(5) == st.Gaussian(5.0, 4)
+    assert hash(st.ZNCC(st.Cross(17, 20.0))) == hash(st.ZNCC("cross:17"))
+    assert st.Adaptive((9, 9), 41) == st.Adaptive(9, (41, 41))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        st.Gaussian(5).sigma = 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("gauss:5", "window names no support 'gauss'; did you mean 'gaussian'"),
+        ("zzz:5", "no support 'zzz'; known are gaussian, bilateral, cross, adaptive"),
+        ("gaussian:", r"window must be gaussian:SIGMA\[,TRUNCATE\], not 'gaussian:'"),
+        ("gaussian", r"window must be .*gaussian:SIGMA"),
+        ("gaussian:a", "window must be gaussian:SIGMA"),
+        ("gaussian:5,4,3", "window must be gaussian:SIGMA"),
+        ("gaussian:0", "sigma must be a positive number, not 0"),
+        ("gaussian:5x5", "sigma must be a positive number"),
+        ("gaussian:nan", "sigma must be"),
+        ("gaussian:5,-1", "truncate must be"),
+        ("gaussian:1e300", "sigma . truncate must be at most 1023 pixels"),
+        ("bilateral:0", "size must be a whole number from 1 to 255"),
+        ("bilateral:7.5", "size must be"),
+        ("bilateral:9,inf", "sigma_space must be"),
+        ("cross:0", "arm must be a whole number from 1 to 255, not 0"),
+        ("cross:2.5", "arm must be"),
+        ("cross:5,0", "threshold must be"),
+        ("adaptive:9,7", "smallest must be at most as wide and as high as largest, 7 x 7, not 9 x 9"),
+        ("adaptive:9x21,41x9", "smallest must be at most"),
+        ("adaptive:9,41,0", "pixels must be"),
+        ("adaptive:9,41,80,-2", "gradient must be"),
+    ],
+)
+def test_supports_that_are_refused(text, message):
+    with pytest.raises(ValueError, match=message):
+        Settings.make(assignments=[f"window={text}"])
+
+
+@pytest.mark.parametrize("value", [True, "5", None, [5], 1j])
+def test_numbers_of_supports_are_numbers(value):
+    with pytest.raises(ValueError, match="sigma must be"):
+        st.Gaussian(value)
 
 
 # ---- construction --------------------------------------------------------------------------------
@@ -199,6 +304,8 @@ def test_a_changed_preset_still_says_where_it_came_from():
         ("disparities=none", {"disparities": None}),
         ("fill=background", {"fill": "background"}),
         ("threads=2", {"threads": 2}),
+        ("step=3", {"step": 3}),
+        ("disparity_step=2", {"disparity_step": 2}),
         ("keep=costs,texture", {"keep": ("costs", "texture")}),
         ("keep=costs", {"keep": ("costs",)}),
         ("keep=", {"keep": ()}),
@@ -241,6 +348,8 @@ def test_the_later_assignment_wins():
         ("speckle=1,2,3", "speckle must be"),
         ("threads=-1", "threads must be"),
         ("threads=none", "threads must be"),
+        ("step=0", "step must be a whole number from 1 to 255"),
+        ("disparity_step=1.5", "disparity_step must be"),
         ("keep=cost", "keep knows .*did you mean 'costs'"),
         ("fill=sky", "fill must be"),
         ("cost=none", "cost must be"),
@@ -265,7 +374,8 @@ def test_toml_gives_the_same_settings_back(made):
 @given(any_settings)
 def test_a_dict_survives_json(made):
     as_json = json.loads(json.dumps(made.to_dict(), allow_nan=False))
-    assert as_json["cost"] == {"name": type(made.cost).__name__.lower(), "window": list(made.cost.size)}
+    window = list(made.cost.size) if made.cost.support is None else str(made.cost.window)
+    assert as_json["cost"] == {"name": type(made.cost).__name__.lower(), "window": window}
     assert set(as_json) == {field.name for field in dataclasses.fields(Settings)}
 
 

@@ -484,6 +484,152 @@ void test_terms_and_box() {
   }
 }
 
+// ---- supports -------------------------------------------------------------------------------------------------------
+
+struct Weighed {
+  int dy, dx;
+  double weight;
+};
+
+double naive_mean_cost(const Problem& p, CostKind kind, const std::vector<Weighed>& support, int y, int x, int d) {
+  const auto mean = [&](auto value) {
+    double sum = 0, weights = 0;
+    for (const Weighed& w : support) {
+      sum += w.weight * value(w);
+      weights += w.weight;
+    }
+    return sum / weights;
+  };
+  const bool centred = kind == CostKind::zsad || kind == CostKind::zssd || kind == CostKind::zncc;
+  double first = 0, left_norm = 0, right_norm = 0, left_square = 0, right_square = 0;
+  for (int c = 0; c < p.channels; ++c) {
+    const auto l = [&](const Weighed& w) { return static_cast<double>(p.at(p.left, y + w.dy, x + w.dx, c)); };
+    const auto r = [&](const Weighed& w) { return static_cast<double>(p.at(p.right, y + w.dy, x - d + w.dx, c)); };
+    const double ml = centred ? mean(l) : 0, mr = centred ? mean(r) : 0;
+    first += mean([&](const Weighed& w) {
+      const double a = l(w) - ml, b = r(w) - mr;
+      return is_correlation(kind) ? a * b : kind == CostKind::sad || kind == CostKind::zsad ? std::abs(a - b) : (a - b) * (a - b);
+    });
+    left_norm += mean([&](const Weighed& w) { return (l(w) - ml) * (l(w) - ml); });
+    right_norm += mean([&](const Weighed& w) { return (r(w) - mr) * (r(w) - mr); });
+    left_square += mean([&](const Weighed& w) { return l(w) * l(w); });
+    right_square += mean([&](const Weighed& w) { return r(w) * r(w); });
+  }
+  if (!is_correlation(kind)) return first;
+  const bool has_norm = left_norm > 1e-12 * left_square && right_norm > 1e-12 * right_square;
+  return has_norm ? -first / std::sqrt(left_norm * right_norm) : 0;
+}
+
+template <class Support>
+void check_support(const Problem& p, const Sampling& sampling, const std::string& told, Support support,
+                   const std::function<void(CostKind, float*, const SupportKernels&)>& costs) {
+  const int rows = sampled(p.height, sampling.step), columns = sampled(p.width, sampling.step);
+  for (int kind = 0; kind < 6; ++kind) {
+    std::vector<float> expected;
+    for (const FusedKernel* kernel : available_kernels()) {
+      std::vector<float> got(static_cast<size_t>(rows) * columns * p.count);
+      costs(static_cast<CostKind>(kind), got.data(), *kernel->supports);
+      if (expected.empty()) {
+        expected = got;
+        bool right = true;
+        size_t at = 0;
+        for (int y = 0; y < p.height; y += sampling.step)
+          for (int x = 0; x < p.width; x += sampling.step)
+            for (int i = 0; i < p.count; ++i, ++at) {
+              const int d = p.first + i * sampling.disparity_step;
+              if (x - d < 0 || x - d >= p.width) {
+                right = right && got[at] == worst_cost<float>();
+                continue;
+              }
+              const double naive = naive_mean_cost(p, static_cast<CostKind>(kind), support(y, x), y, x, d);
+              right = right && std::abs(got[at] - naive) <= 1e-5 * std::max(1.0, std::abs(naive)) + 1e-3 * (kind == 3);
+            }
+        CHECK(right, told + " " + text(kind) + " " + p.told());
+      }
+      CHECK(got == expected, kernel->name + (" " + told) + " " + text(kind) + " " + p.told());
+    }
+  }
+}
+
+void test_supports() {
+  Random random{11};
+  for (int round = 0; round < 24; ++round) {
+    const Problem p = problem(random, round % 3 ? Pixels::bytes : Pixels::words, random.between(1, 5), random.between(1, 20),
+                              round % 4 ? 1 : 3, random.between(-9, 5), random.between(1, 20),
+                              {random.between(1, 5), random.between(1, 5)});
+    const Pair pair = p.wide();
+    const Sampling sampling{random.between(1, 2), random.between(1, 3)};
+    const Workers workers{random.between(1, 3), [] { return false; }};
+    const auto box = [&](auto weight) {
+      std::vector<Weighed> support;
+      for (int dy = -p.window.above(); dy <= p.window.below(); ++dy)
+        for (int dx = -p.window.left(); dx <= p.window.right(); ++dx) support.push_back({dy, dx, weight(dy, dx)});
+      return support;
+    };
+
+    const std::vector<double> taps{0.1, 0.2, 0.4, 0.2, 0.1};
+    check_support(
+        p, sampling, "separable",
+        [&](int, int) {
+          std::vector<Weighed> support;
+          for (int dy = -2; dy <= 2; ++dy)
+            for (int dx = -2; dx <= 2; ++dx) support.push_back({dy, dx, taps[dy + 2] * taps[dx + 2]});
+          return support;
+        },
+        [&](CostKind kind, float* costs, const SupportKernels& kernels) {
+          separable_costs(pair, kind, sampling, taps.data(), 2, costs, kernels, workers);
+        });
+
+    check_support(
+        p, sampling, "bilateral",
+        [&](int y, int x) {
+          return box([&](int dy, int dx) {
+            double square = 0;
+            for (int c = 0; c < p.channels; ++c) {
+              const double a = p.at(p.left, y + dy, x + dx, c) - static_cast<double>(p.at(p.left, y, x, c));
+              square += a * a / p.channels;
+            }
+            return std::exp(-std::sqrt(static_cast<double>(dx * dx + dy * dy)) / 3 - std::sqrt(square) / 5000);
+          });
+        },
+        [&](CostKind kind, float* costs, const SupportKernels& kernels) {
+          bilateral_costs(pair, kind, sampling, p.window, 3, 5000, costs, kernels, workers);
+        });
+
+    std::vector<Reach> arms(static_cast<size_t>(p.height) * p.width), boxes;
+    cross_arms(p.left.data(), p.height, p.width, p.channels, 4, 100, arms.data(), workers);
+    check_support(
+        p, sampling, "cross",
+        [&](int y, int x) {
+          std::vector<Weighed> support;
+          const Reach& arm = arms[static_cast<size_t>(y) * p.width + x];
+          for (int dy = -arm.above; dy <= arm.below; ++dy) {
+            const Reach& other = arms[static_cast<size_t>(y + dy) * p.width + x];
+            for (int dx = -other.left; dx <= other.right; ++dx) support.push_back({dy, dx, 1});
+          }
+          return support;
+        },
+        [&](CostKind kind, float* costs, const SupportKernels& kernels) {
+          reach_costs(pair, kind, sampling, true, arms.data(), costs, kernels, workers);
+        });
+
+    for (size_t k = 0; k < arms.size(); ++k)
+      boxes.push_back({random.below(6), random.below(6), random.below(6), random.below(6)});
+    check_support(
+        p, sampling, "rectangle",
+        [&](int y, int x) {
+          std::vector<Weighed> support;
+          const Reach& reach = boxes[static_cast<size_t>(y) * p.width + x];
+          for (int dy = -reach.above; dy <= reach.below; ++dy)
+            for (int dx = -reach.left; dx <= reach.right; ++dx) support.push_back({dy, dx, 1});
+          return support;
+        },
+        [&](CostKind kind, float* costs, const SupportKernels& kernels) {
+          reach_costs(pair, kind, sampling, false, boxes.data(), costs, kernels, workers);
+        });
+  }
+}
+
 template <class T>
 void test_select() {
   Random random{7};
@@ -696,6 +842,7 @@ int main() {
   timed("bands", test_bands);
   timed("grey", test_grey);
   timed("terms and box", test_terms_and_box);
+  timed("supports", test_supports);
   timed("select, whole costs", test_select<int64_t>);
   timed("select, float costs", test_select<float>);
   timed("texture", test_texture);

@@ -16,6 +16,7 @@ from stereopsis.io import (
 )
 from stereopsis.pipeline import estimate_disparities, match
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
+from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.types import Calibration, Disparities, Flag, Pair, Result
 
 __version__ = "0.1.0"
@@ -28,9 +29,13 @@ __all__ = [
     "ZNCC",
     "ZSAD",
     "ZSSD",
+    "Adaptive",
+    "Bilateral",
     "Calibration",
+    "Cross",
     "Disparities",
     "Flag",
+    "Gaussian",
     "Pair",
     "Result",
     "Scores",

@@ -81,9 +81,56 @@ def score(
 def score_zsad(
     left: _I32, right: _I32, first: int, window_width: int, window_height: int, costs: _F32, threads: int, /
 ) -> None: ...
+def separable_costs(
+    left: _I32,
+    right: _I32,
+    first: int,
+    cost: int,
+    step: int,
+    disparity_step: int,
+    taps: npt.NDArray[np.float64],
+    costs: _F32,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def reach_costs(
+    left: _I32,
+    right: _I32,
+    first: int,
+    cost: int,
+    step: int,
+    disparity_step: int,
+    cross: bool,
+    reach: _I32,
+    costs: _F32,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def bilateral_costs(
+    left: _I32,
+    right: _I32,
+    first: int,
+    cost: int,
+    step: int,
+    disparity_step: int,
+    window_width: int,
+    window_height: int,
+    sigma_space: float,
+    sigma_colour: float,
+    costs: _F32,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def cross_arms(image: _I32, arm: int, threshold: float, reach: _I32, threads: int, /) -> None: ...
 def select_left(
     volume: npt.NDArray[Any],
     first: int,
+    width: int,
+    step: int,
+    disparity_step: int,
     index: _I32,
     cost: npt.NDArray[Any],
     before: npt.NDArray[Any],
@@ -92,7 +139,16 @@ def select_left(
     threads: int,
     /,
 ) -> None: ...
-def select_right(volume: npt.NDArray[Any], first: int, index: _I32, threads: int, /) -> None: ...
+def select_right(
+    volume: npt.NDArray[Any],
+    first: int,
+    width: int,
+    step: int,
+    disparity_step: int,
+    index: _I32,
+    threads: int,
+    /,
+) -> None: ...
 def texture(image: _I32, window_width: int, window_height: int, mean: _F32, threads: int, /) -> None: ...
 def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None: ...
 def median(disparity: _F32, size: int, out: _F32, threads: int, /) -> None: ...

@@ -487,6 +487,10 @@ def _text(value: Any) -> str:
             return str(value)
 
 
+def _window(window: list[int] | str) -> str:
+    return window if isinstance(window, str) else " x ".join(map(str, window))
+
+
 def _print_result(result: Result) -> None:
     facts = _facts(result)
     settings = {name: value for name, value in facts["settings"].items() if value not in (None, ())}
@@ -497,7 +501,7 @@ def _print_result(result: Result) -> None:
     rows = {
         "size": _size(result.disparity),
         "disparities": f"{low}:{high}",
-        "cost": f"{cost['name']}, window {' x '.join(map(str, cost['window']))}",
+        "cost": f"{cost['name']}, window {_window(cost['window'])}",
         **settings,
         "path": result.path,
         "time": f"{1000 * result.seconds:.1f} ms ({', '.join(stages)})",

@@ -13,9 +13,10 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, validate
+from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, validate, weigh
 from stereopsis.settings import Settings
-from stereopsis.types import Disparities, DisparityMap, Flag, Image, Pair, Result
+from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
+from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
@@ -45,6 +46,8 @@ def match(
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
     fill: str | None = UNSET,
+    step: int = UNSET,
+    disparity_step: int = UNSET,
     threads: int = UNSET,
     keep: tuple[str, ...] = UNSET,
 ) -> Result:
@@ -65,7 +68,9 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, subpixel, left_right, uniqueness, texture, median, speckle, fill, threads, keep
+    cost, channels, subpixel, left_right, uniqueness, texture, median, speckle, fill
+        As in `Settings`.
+    step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -109,6 +114,8 @@ def match(
             ("median", median),
             ("speckle", speckle),
             ("fill", fill),
+            ("step", step),
+            ("disparity_step", disparity_step),
             ("threads", threads),
             ("keep", keep),
         )
@@ -130,16 +137,16 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     stages: dict[str, npt.NDArray[Any]] = {}
     with _timed(timings, "read"):
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
-    seen = _in_view(chosen.disparities, pair.left.shape[1])
-    composed = bool(COMPOSED_ONLY & set(chosen.keep))
+    seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
+    composed = not _streams(chosen)
 
     if seen is None:
         disparity, confidence, flags = _nothing_in_view(pair.left.shape[:2])
         if "costs" in chosen.keep:
-            dtype = cost.dtype_of(_kind(chosen))
+            dtype = cost.dtype_of(_kind(chosen)) if chosen.cost.support is None else np.float32
             none = Disparities(chosen.disparities.min, chosen.disparities.min)
-            volume = np.empty((*disparity.shape, 0), dtype)
-            stages["costs"] = _presented(volume, _kind(chosen), pixels.step, none, chosen.disparities)
+            volume = np.empty((*disparity[:: chosen.step, :: chosen.step].shape, 0), dtype)
+            stages["costs"] = _presented(volume, chosen, pixels.step, none)
         if "right_disparity" in chosen.keep:
             stages["right_disparity"] = disparity.copy()
     elif composed:
@@ -193,27 +200,34 @@ def _compose(
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Stage by stage, through a cost volume: what the streaming path is measured against."""
     kind, window, threads = _kind(chosen), chosen.cost.size, chosen.threads
-    if kind == "zsad":
+    sampling, (height, width) = _sampling(chosen), pixels.left.shape[:2]
+    if chosen.cost.support is not None:
+        with _timed(timings, "weigh"):
+            volume: npt.NDArray[Any] = weigh.volume(
+                chosen.cost.support, kind, *pixels, seen, sampling, threads
+            )
+    elif kind == "zsad":
         with _timed(timings, "cost"):
-            volume: npt.NDArray[Any] = cost.zsad(pixels, seen, window, threads)
+            volume = _sampled(cost.zsad(pixels, seen, window, threads), sampling)
     else:
         with _timed(timings, "cost"):
             terms = cost.terms(kind, pixels, seen, window, threads)
         with _timed(timings, "aggregate"):
             sums = aggregate.box(terms, window, threads)
         with _timed(timings, "score"):
-            volume = cost.score(kind, sums, pixels, seen, window, threads)
+            volume = _sampled(cost.score(kind, sums, pixels, seen, window, threads), sampling)
 
     with _timed(timings, "select"):
-        winners = select.left(volume, seen.min, threads)
-        right = select.right(volume, seen.min, threads)
+        winners = select.left(volume, seen.min, threads, width=width, sampling=sampling)
+        right = select.right(volume, seen.min, threads, width=width, sampling=sampling)
 
     perfect = -1.0 if kind in ("ncc", "zncc") else 0.0
     around = winners.cost, winners.before, winners.after
     flags = np.zeros(winners.index.shape, np.uint8)
     with _timed(timings, "refine"):
-        disparity = (winners.index + np.int32(seen.min)).astype(np.float32)
-        disparity += refine.subpixel(chosen.subpixel, *around)
+        offset = refine.subpixel(chosen.subpixel, *around)
+        disparity = (winners.index * sampling.disparity_step + np.int32(seen.min)).astype(np.float32)
+        disparity += offset * np.float32(sampling.disparity_step)
         confidence = refine.confidence(perfect, *around)
     with _timed(timings, "validate"):
         _refuse(winners.index < 0, Flag.OUT_OF_VIEW, disparity, confidence, flags)
@@ -221,24 +235,57 @@ def _compose(
             ambiguous = validate.uniqueness(winners.cost, winners.second, perfect, chosen.uniqueness)
             _refuse(ambiguous & (winners.index >= 0), Flag.AMBIGUOUS, disparity, confidence, flags)
         if chosen.left_right is not None:
-            failed = validate.left_right(winners.index, right, seen.min, chosen.left_right)
+            failed = validate.left_right(winners.index, right, seen.min, chosen.left_right, sampling)
             for flag in (Flag.OCCLUDED, Flag.MISMATCHED):
                 _refuse(failed == flag, flag, disparity, confidence, flags)
 
     if "costs" in chosen.keep:
-        stages["costs"] = _presented(volume, kind, pixels.step, seen, cast(Disparities, chosen.disparities))
+        stages["costs"] = _presented(volume, chosen, pixels.step, seen)
     if "right_disparity" in chosen.keep:
-        stages["right_disparity"] = np.where(right < 0, np.nan, right + np.int32(seen.min)).astype(np.float32)
+        found = right * sampling.disparity_step + np.int32(seen.min)
+        there = np.where(right < 0, np.nan, found).astype(np.float32)
+        stages["right_disparity"] = there[_nearest(height, sampling.step)]
+    if sampling.step > 1:
+        nearest = np.ix_(_nearest(height, sampling.step), _nearest(width, sampling.step))
+        return disparity[nearest], confidence[nearest], flags[nearest]
     return disparity, confidence, flags
 
 
+def _streams(chosen: Settings) -> bool:
+    """Whether the streaming path serves these settings."""
+    if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY:
+        return False
+    match chosen.cost.support:
+        case None:
+            return True
+        case Gaussian() | Bilateral() | Cross() | Adaptive():
+            return False
+
+
+def _sampling(chosen: Settings) -> Sampling:
+    return Sampling(chosen.step, chosen.disparity_step)
+
+
+def _sampled(volume: npt.NDArray[Any], sampling: Sampling) -> npt.NDArray[Any]:
+    step, disparity_step = sampling
+    return np.ascontiguousarray(volume[::step, ::step, ::disparity_step])
+
+
+def _nearest(side: int, step: int) -> npt.NDArray[np.int64]:
+    """For each of `side` pixels the number of the nearest that was matched; of two the first."""
+    matched = -(-side // step)
+    return np.minimum((np.arange(side) + (step - 1) // 2) // step, matched - 1)
+
+
 def _presented(
-    volume: npt.NDArray[Any], kind: str, step: float, seen: Disparities, asked: Disparities
+    volume: npt.NDArray[Any], chosen: Settings, step: float, seen: Disparities
 ) -> npt.NDArray[Any]:
     """The volume over the whole range that was asked for, in the image's own units."""
+    asked, apart, kind = cast(Disparities, chosen.disparities), chosen.disparity_step, _kind(chosen)
     worst = np.iinfo(volume.dtype).max if volume.dtype.kind == "i" else np.inf
-    whole = np.full((*volume.shape[:2], asked.span), worst, volume.dtype)
-    whole[..., seen.min - asked.min : seen.max - asked.min] = volume
+    whole = np.full((*volume.shape[:2], -(-asked.span // apart)), worst, volume.dtype)
+    first = (seen.min - asked.min) // apart
+    whole[..., first : first + volume.shape[2]] = volume
     if step == 1:
         return whole
     unit = {"sad": step, "zsad": step, "ssd": step * step, "zssd": step * step}.get(kind, 1.0)
@@ -358,9 +405,10 @@ def _kind(chosen: Settings) -> str:
     return type(chosen.cost).__name__.lower()
 
 
-def _in_view(asked: Disparities, width: int) -> Disparities | None:
-    """The candidates that some pixel can see."""
+def _in_view(asked: Disparities, width: int, apart: int) -> Disparities | None:
+    """The candidates that some pixel can see, of those `apart` apart."""
     low, high = max(asked.min, 1 - width), min(asked.max, width)
+    low += (asked.min - low) % apart
     return Disparities(low, high) if low < high else None
 
 

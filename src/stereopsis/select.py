@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
+from stereopsis.types import EVERY, Sampling
 
 
 @dataclass(frozen=True)
@@ -32,32 +33,62 @@ class Winners:
     second: npt.NDArray[Any]
 
 
-def left(volume: npt.NDArray[Any], first: int, threads: int = 0) -> Winners:
+def left(
+    volume: npt.NDArray[Any],
+    first: int,
+    threads: int = 0,
+    *,
+    width: int | None = None,
+    sampling: Sampling = EVERY,
+) -> Winners:
     """Winners of the left view: for each ``(x, y)`` the candidate of least cost.
 
     Parameters
     ----------
-    volume : ndarray of int64 or float32, (H, W, D)
+    volume : ndarray of int64 or float32, (H, W', D)
+        Column k is column ``k * step`` of the left image.
     first : int
-        Disparity of candidate 0.
+        Disparity of candidate 0; the others follow ``disparity_step`` apart.
     threads : int
+    width : int, optional
+        Columns of the images. None: W'.
+    sampling : Sampling
     """
     shape = volume.shape[:2]
     winners = Winners(np.empty(shape, np.int32), *(np.empty(shape, volume.dtype) for _ in range(4)))
+    lattice = shape[1] if width is None else width, *sampling
     _core.select_left(
-        volume, first, winners.index, winners.cost, winners.before, winners.after, winners.second, threads
+        volume,
+        first,
+        *lattice,
+        winners.index,
+        winners.cost,
+        winners.before,
+        winners.after,
+        winners.second,
+        threads,
     )
     return winners
 
 
-def right(volume: npt.NDArray[Any], first: int, threads: int = 0) -> npt.NDArray[np.int32]:
+def right(
+    volume: npt.NDArray[Any],
+    first: int,
+    threads: int = 0,
+    *,
+    width: int | None = None,
+    sampling: Sampling = EVERY,
+) -> npt.NDArray[np.int32]:
     """Winners of the right view: for each ``(x_right, y)`` the candidate of least cost at ``x_right + d``.
+
+    Parameters are those of `left`.
 
     Returns
     -------
     ndarray of int32, (H, W)
         Candidate number, -1 where no candidate is in view.
     """
-    index = np.empty(volume.shape[:2], np.int32)
-    _core.select_right(volume, first, index, threads)
+    columns = volume.shape[1] if width is None else width
+    index = np.empty((volume.shape[0], columns), np.int32)
+    _core.select_right(volume, first, columns, *sampling, index, threads)
     return index

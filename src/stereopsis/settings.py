@@ -14,13 +14,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
 
+from stereopsis.supports import MAX_WINDOW, Support, Window, as_window, window_size
 from stereopsis.types import Disparities
-
-MAX_WINDOW = 255
-
-Window: TypeAlias = int | tuple[int, int] | str
-"""Full size in pixels: ``31``, ``(width, height)``, or as text ``"31x15"``. An even window reaches one pixel
-further to the left and up than to the right and down."""
 
 
 def _is_int(value: Any) -> bool:
@@ -31,39 +26,24 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def window_size(window: Window) -> tuple[int, int]:
-    """Width and height of a support window.
-
-    Raises
-    ------
-    ValueError
-        If a side is not a whole number from 1 to 255.
-    """
-    sides: Any = window
-    if isinstance(window, str):
-        sides = [int(side) if side.strip().isdigit() else side for side in window.lower().split("x")]
-    elif not isinstance(window, tuple | list):
-        sides = [window]
-    sides = [sides[0], sides[0]] if len(sides) == 1 else list(sides)
-    if len(sides) != 2 or not all(_is_int(side) and 1 <= side <= MAX_WINDOW for side in sides):
-        raise ValueError(
-            f"window must be a whole number from 1 to {MAX_WINDOW}, or two as WIDTHxHEIGHT, not {window!r}"
-        )
-    return int(sides[0]), int(sides[1])
-
-
 @dataclass(frozen=True)
 class _WindowCost:
     window: Window = 21
 
     def __post_init__(self) -> None:
-        width, height = window_size(self.window)
-        object.__setattr__(self, "window", width if width == height else (width, height))
+        object.__setattr__(self, "window", as_window(self.window))
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the support window in pixels."""
-        return window_size(self.window)
+        """Width and height of the window in pixels; of a support, of the box that stands for it."""
+        window = as_window(self.window)
+        return window_size(window if isinstance(window, int | tuple) else window.size)
+
+    @property
+    def support(self) -> Support | None:
+        """What the window is where it is no box."""
+        window = as_window(self.window)
+        return None if isinstance(window, int | tuple) else window
 
 
 @dataclass(frozen=True)
@@ -107,6 +87,7 @@ Subpixel: TypeAlias = Literal["parabola", "equiangular"]
 SUBPIXEL = ("parabola", "equiangular")
 FILLS = ("background",)
 CHANNELS = ("grey", "separate")
+MAX_STEP = 255
 KEEP = ("costs", "right_disparity", "texture", "unfiltered")
 
 
@@ -141,6 +122,11 @@ class Settings:
         disparity), are removed.
     fill : {"background"} or None
         How invalid pixels are answered: from the farther neighbour on the row. None: they stay NaN.
+    step : int
+        Match only every so many-th pixel of rows and columns, from the first on; the others take the answer
+        of the nearest that was matched.
+    disparity_step : int
+        Try only every so many-th candidate, from the smallest on; the sub-pixel fit spans as many.
     threads : int
         0: all cores. Never changes a result.
     keep : tuple of str
@@ -159,6 +145,8 @@ class Settings:
     median: int | None = None
     speckle: tuple[int, float] | None = None
     fill: Literal["background"] | None = None
+    step: int = 1
+    disparity_step: int = 1
     threads: int = 0
     keep: tuple[str, ...] = ()
     preset: str | None = None
@@ -228,7 +216,7 @@ class Settings:
             value = getattr(self, field.name)
             if field.name == "cost":
                 lines.append(f'cost = "{type(value).__name__.lower()}"')
-                lines.append(f"window = {json.dumps(list(value.size))}")
+                lines.append(f"window = {json.dumps(_window_value(value))}")
             elif field.name != "preset" or value is not None:
                 lines.append(f"{field.name} = {json.dumps('none' if value is None else value)}")
         return "\n".join(lines) + "\n"
@@ -242,13 +230,18 @@ class Settings:
         """As JSON can hold it."""
         return {
             field.name: (
-                {"name": type(value).__name__.lower(), "window": list(value.size)}
+                {"name": type(value).__name__.lower(), "window": _window_value(value)}
                 if _is_cost(value)
                 else value
             )
             for field in dataclasses.fields(self)
             for value in [getattr(self, field.name)]
         }
+
+
+def _window_value(cost: Cost) -> Any:
+    """A box as two numbers, a support as text."""
+    return list(cost.size) if cost.support is None else str(cost.support)
 
 
 _NAMES = (*(field.name for field in dataclasses.fields(Settings)), "window")
@@ -318,6 +311,10 @@ def _checked(name: str, value: Any) -> Any:
         case "fill":
             if value is not None and value not in FILLS:
                 raise refuse(f"one of {', '.join(FILLS)}, or None")
+        case "step" | "disparity_step":
+            if not (_is_int(value) and 1 <= value <= MAX_STEP):
+                raise refuse(f"a whole number from 1 to {MAX_STEP}")
+            return int(value)
         case "threads":
             if not (_is_int(value) and 0 <= value <= 4096):
                 raise refuse("a whole number from 0 (all cores) to 4096")

@@ -58,6 +58,16 @@ class Disparities(NamedTuple):
         return self.max - self.min
 
 
+class Sampling(NamedTuple):
+    """Every how many pixels of rows and columns, and every how many candidates, something is computed."""
+
+    step: int = 1
+    disparity_step: int = 1
+
+
+EVERY = Sampling()
+
+
 @dataclass(frozen=True)
 class Calibration:
     """A rectified pair's geometry.

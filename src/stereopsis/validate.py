@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import DisparityMap, Flag
+from stereopsis.types import EVERY, DisparityMap, Flag, Sampling
 
 BoolMap = npt.NDArray[np.bool_]
 
@@ -32,7 +32,11 @@ def uniqueness(cost: npt.NDArray[Any], second: npt.NDArray[Any], perfect: float,
 
 
 def left_right(
-    index: npt.NDArray[np.int32], right: npt.NDArray[np.int32], first: int, tolerance: float
+    index: npt.NDArray[np.int32],
+    right: npt.NDArray[np.int32],
+    first: int,
+    tolerance: float,
+    sampling: Sampling = EVERY,
 ) -> npt.NDArray[np.uint8]:
     """Where the right view's winner at the match differs by more than `tolerance` pixels.
 
@@ -41,16 +45,17 @@ def left_right(
 
     Parameters
     ----------
-    index, right : ndarray of int32, (H, W)
-        Winners of both views, as candidate numbers.
+    index, right : ndarray of int32, (H, W') and (H, W)
+        Winners of both views, as candidate numbers. Column k of the first is column ``k * step``.
     first : int
-        Disparity of candidate 0.
+        Disparity of candidate 0; candidates lie ``disparity_step`` apart.
     tolerance : float
         Pixels.
+    sampling : Sampling
 
     Returns
     -------
-    ndarray of uint8, (H, W)
+    ndarray of uint8, (H, W')
         Bits of `Flag`.
 
     References
@@ -58,12 +63,12 @@ def left_right(
     .. [1] H. Hirschmueller, Stereo processing by semiglobal matching and mutual information,
        IEEE TPAMI 30(2), 2008, doi:10.1109/TPAMI.2007.1166.
     """
-    width = index.shape[1]
-    columns = np.arange(width)
-    match = np.clip(columns - first - index, 0, width - 1)
-    failed = (index >= 0) & (np.abs(np.take_along_axis(right, match, axis=1) - index) > tolerance)
+    width, apart = right.shape[1], sampling.disparity_step
+    columns = np.arange(index.shape[1]) * sampling.step
+    match = np.clip(columns - first - index * apart, 0, width - 1)
+    failed = (index >= 0) & (np.abs(np.take_along_axis(right, match, axis=1) - index) * apart > tolerance)
     # Left columns that some right pixel's winner points to, counted from the left.
-    claimed_columns = columns + first + right
+    claimed_columns = np.arange(width) + first + right * apart
     rows, there = np.nonzero((right >= 0) & (claimed_columns >= 0) & (claimed_columns < width))
     claims = np.zeros((index.shape[0], width + 1), np.int32)
     claims[rows, claimed_columns[rows, there] + 1] = 1

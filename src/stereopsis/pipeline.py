@@ -1,6 +1,6 @@
 """From a pair to a disparity map: the page to read first.
 
-read → cost → aggregate → select → validate → refine → fill → write
+read → cost → aggregate → optimize → select → validate → refine → fill → write
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, validate
+from stereopsis import _fused, aggregate, cost, fill, optimize, refine, select, settings, validate
 from stereopsis.settings import Settings
 from stereopsis.types import Disparities, DisparityMap, Flag, Image, Pair, Result
 
@@ -38,6 +38,7 @@ def match(
     disparities: tuple[int, int] | None = UNSET,
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
+    optimize: optimize.Optimizer | str | None = UNSET,
     subpixel: str | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
@@ -65,7 +66,7 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, subpixel, left_right, uniqueness, texture, median, speckle, fill, threads, keep
+    cost, channels, optimize, subpixel, left_right, uniqueness, texture, median, speckle, fill, threads, keep
         As in `Settings`.
 
     Returns
@@ -102,6 +103,7 @@ def match(
             ("disparities", disparities),
             ("cost", cost),
             ("channels", channels),
+            ("optimize", optimize),
             ("subpixel", subpixel),
             ("left_right", left_right),
             ("uniqueness", uniqueness),
@@ -131,7 +133,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     with _timed(timings, "read"):
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1])
-    composed = bool(COMPOSED_ONLY & set(chosen.keep))
+    composed = bool(COMPOSED_ONLY & set(chosen.keep)) or chosen.optimize is not None
 
     if seen is None:
         disparity, confidence, flags = _nothing_in_view(pair.left.shape[:2])
@@ -139,7 +141,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             dtype = cost.dtype_of(_kind(chosen))
             none = Disparities(chosen.disparities.min, chosen.disparities.min)
             volume = np.empty((*disparity.shape, 0), dtype)
-            stages["costs"] = _presented(volume, _kind(chosen), pixels.step, none, chosen.disparities)
+            stages["costs"] = _presented(volume, _unit(_kind(chosen), pixels.step), none, chosen.disparities)
         if "right_disparity" in chosen.keep:
             stages["right_disparity"] = disparity.copy()
     elif composed:
@@ -192,7 +194,12 @@ def _compose(
     stages: dict[str, npt.NDArray[Any]],
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Stage by stage, through a cost volume: what the streaming path is measured against."""
-    kind, window, threads = _kind(chosen), chosen.cost.size, chosen.threads
+    kind, window, threads, solver = _kind(chosen), chosen.cost.size, chosen.threads, chosen.optimize
+    if isinstance(solver, optimize.SecondPass):
+        with _timed(timings, "first"):
+            first, _, _ = _fused.match(kind, pixels, seen, window, None, None, None, threads)
+            guide = np.where(np.isnan(first), -1, first - np.float32(seen.min)).astype(np.int32)
+        kind = solver.data or kind
     if kind == "zsad":
         with _timed(timings, "cost"):
             volume: npt.NDArray[Any] = cost.zsad(pixels, seen, window, threads)
@@ -204,16 +211,34 @@ def _compose(
         with _timed(timings, "score"):
             volume = cost.score(kind, sums, pixels, seen, window, threads)
 
-    with _timed(timings, "select"):
-        winners = select.left(volume, seen.min, threads)
-        right = select.right(volume, seen.min, threads)
+    unit = _unit(kind, pixels.step)
+    if isinstance(solver, optimize.SecondPass):
+        mean = 1 if kind in ("ncc", "zncc") else window[0] * window[1] * pixels.left.shape[2]
+        with _timed(timings, "optimize"):
+            volume = optimize.second_pass(volume, guide, solver.smoothness, window, unit / mean, threads)
+        solver, unit = None, 1.0
+
+    if solver is None:
+        with _timed(timings, "select"):
+            winners = select.left(volume, seen.min, threads)
+            right = select.right(volume, seen.min, threads)
+    else:
+        with _timed(timings, "optimize"):
+            labels = optimize.solve(volume, solver, threads).index
+            winners = select.at(volume, labels, seen.min, threads)
+            # Plain winners would disagree with what the neighbours have talked each other into.
+            if chosen.left_right is not None or "right_disparity" in chosen.keep:
+                right = optimize.solve(optimize.right_view(volume, seen.min, threads), solver, threads).index
 
     perfect = -1.0 if kind in ("ncc", "zncc") else 0.0
     around = winners.cost, winners.before, winners.after
     flags = np.zeros(winners.index.shape, np.uint8)
     with _timed(timings, "refine"):
         disparity = (winners.index + np.int32(seen.min)).astype(np.float32)
-        disparity += refine.subpixel(chosen.subpixel, *around)
+        offset = refine.subpixel(chosen.subpixel, *around)
+        # A label that its neighbours hold against its own costs has no extremum to fit.
+        held = (winners.before < winners.cost) | (winners.after < winners.cost)
+        disparity += np.where(held, np.float32(0), offset)
         confidence = refine.confidence(perfect, *around)
     with _timed(timings, "validate"):
         _refuse(winners.index < 0, Flag.OUT_OF_VIEW, disparity, confidence, flags)
@@ -226,22 +251,26 @@ def _compose(
                 _refuse(failed == flag, flag, disparity, confidence, flags)
 
     if "costs" in chosen.keep:
-        stages["costs"] = _presented(volume, kind, pixels.step, seen, cast(Disparities, chosen.disparities))
+        stages["costs"] = _presented(volume, unit, seen, cast(Disparities, chosen.disparities))
     if "right_disparity" in chosen.keep:
         stages["right_disparity"] = np.where(right < 0, np.nan, right + np.int32(seen.min)).astype(np.float32)
     return disparity, confidence, flags
 
 
+def _unit(kind: str, step: float) -> float:
+    """What one unit of a cost is worth in the image's own grey levels, or their squares."""
+    return {"sad": step, "zsad": step, "ssd": step * step, "zssd": step * step}.get(kind, 1.0)
+
+
 def _presented(
-    volume: npt.NDArray[Any], kind: str, step: float, seen: Disparities, asked: Disparities
+    volume: npt.NDArray[Any], unit: float, seen: Disparities, asked: Disparities
 ) -> npt.NDArray[Any]:
     """The volume over the whole range that was asked for, in the image's own units."""
     worst = np.iinfo(volume.dtype).max if volume.dtype.kind == "i" else np.inf
     whole = np.full((*volume.shape[:2], asked.span), worst, volume.dtype)
     whole[..., seen.min - asked.min : seen.max - asked.min] = volume
-    if step == 1:
+    if unit == 1:
         return whole
-    unit = {"sad": step, "zsad": step, "ssd": step * step, "zssd": step * step}.get(kind, 1.0)
     with np.errstate(over="ignore"):  # what float32 cannot hold is infinite
         return np.where(whole < worst, whole.astype(np.float64) * unit, np.inf).astype(np.float32)
 

@@ -371,6 +371,10 @@ def solve(volume: npt.NDArray[Any], solver: Solver, threads: int = 0) -> Solutio
     least and held in float32. The graph cuts take whole numbers, of which the largest cost or penalty is
     at most 2^36: a cost is off by at most 2^-36 of that largest one, the weight by half a unit.
     """
+    if not isinstance(solver, ICM | BeliefPropagation | TRWS | Expansion | Swap):
+        raise TypeError(
+            f"solver must be one of ICM, BeliefPropagation, TRWS, Expansion, Swap, not {solver!r}"
+        )
     volume = _checked_volume(volume)
     costs = np.empty(volume.shape, np.float32)
     least = np.empty(volume.shape[:2])
@@ -399,10 +403,6 @@ def solve(volume: npt.NDArray[Any], solver: Solver, threads: int = 0) -> Solutio
         case Swap(iterations=iterations):
             problem = _cuts.quantised(costs, model.weight, model.power, model.truncation)
             labels = _cuts.swap(problem, labels, iterations)
-        case _:
-            raise TypeError(
-                f"solver must be one of ICM, BeliefPropagation, TRWS, Expansion, Swap, not {solver!r}"
-            )
     return Solution(labels, _energy(labels, volume, model), bound)
 
 

@@ -1,7 +1,7 @@
 """Compare solvers, and kinds of smoothness, on one energy; print tables that can be pasted into a page.
 
-python benchmarks/solvers.py FOLDER --tune      weights and truncations, on every other pair from the first on
-python benchmarks/solvers.py FOLDER --solvers   energy, accuracy and time of each solver, second, fourth … pair
+python benchmarks/solvers.py FOLDER --tune      weights and truncations, on odd pairs
+python benchmarks/solvers.py FOLDER --solvers   energy, accuracy and time of each solver, on even pairs
 python benchmarks/solvers.py FOLDER --norms     squared against absolute differences, on all pairs
 
 Pairs are shrunk by --shrink, to the mean of square blocks; candidates, truth and errors are in pixels of what
@@ -44,8 +44,11 @@ TUNED: dict[str, dict[str, Smoothness]] = {
 }
 KINDS = ("L1", "truncated L1", "L2", "truncated L2")
 METHODS = ("second pass", "ICM", "TRW-S")
-WEIGHTS = {"second pass": (0.5, 2.0, 8.0, 32.0, 128.0, 512.0), "ICM": (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)}
-WEIGHTS["TRW-S"] = WEIGHTS["ICM"]
+WEIGHTS = {
+    "second pass": (0.5, 2.0, 8.0, 32.0, 128.0, 512.0),
+    "ICM": (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4),
+}
+WEIGHTS["TRW-S"] = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 TRUNCATIONS = {"L1": (2, 4, 8, 16), "L2": (1.5, 2, 3, 5, 8)}
 RESAMPLES = 10_000
 MEASURES = (("< 1 px", "within_1", 100), ("D1", "d1", 100), ("RMSE", "rmse", 1))
@@ -117,7 +120,7 @@ def tune(options: argparse.Namespace) -> None:
     """The best of each kind of smoothness, by the mean fraction within 1 px."""
     chosen = list(problems(options, slice(0, 2 * options.tuning, 2)))
     print(f"{len(chosen)} pairs: {', '.join(problem.name for problem in chosen)}")
-    for method in METHODS:
+    for method in options.method or METHODS:
         scores: dict[Smoothness, tuple[float, float]] = {}
         for smoothness in candidates(method):
             found = [problem.scores(solved(problem, method, smoothness, 4)) for problem in chosen]
@@ -252,7 +255,7 @@ def main() -> None:
         "--window", type=int, default=5, metavar="N", help="of the data cost, in matched pixels"
     )
     parser.add_argument("--disparities", type=int, default=128, metavar="MAX", help="of the full image")
-    parser.add_argument("--tuning", type=int, default=4, metavar="N", help="pairs of --tune")
+    parser.add_argument("--tuning", type=int, default=3, metavar="N", help="pairs of --tune")
     parser.add_argument("--checking", type=int, default=2, metavar="N", help="pairs of --solvers")
     parser.add_argument("--iterations", type=int, default=5, metavar="N", help="of TRW-S in --norms")
     parser.add_argument(
@@ -261,6 +264,7 @@ def main() -> None:
     parser.add_argument(
         "--swap", action="store_true", help="--solvers: the swap cuts too, which take minutes"
     )
+    parser.add_argument("--method", action="append", choices=METHODS, help="--tune: these alone")
     options = parser.parse_args()
     options.part(options)
 

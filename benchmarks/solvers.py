@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,13 +33,31 @@ from stereopsis import (
     optimize,
 )
 
-# What --tune found best, by method and kind of smoothness.
+# What --tune found best, by method and kind of smoothness; and the second pass at the report's weight.
 TUNED: dict[str, dict[str, Smoothness]] = {
-    "TRW-S": {
+    "second pass, 0.5": {
+        "L1": Smoothness("l1", 0.5),
+        "truncated L1": Smoothness("l1", 0.5, 16),
+        "L2": Smoothness("l2", 0.5),
+        "truncated L2": Smoothness("l2", 0.5, 8),
+    },
+    "second pass": {
+        "L1": Smoothness("l1", 512),
+        "truncated L1": Smoothness("l1", 512, 16),
+        "L2": Smoothness("l2", 512),
+        "truncated L2": Smoothness("l2", 512, 8),
+    },
+    "ICM": {
         "L1": Smoothness("l1", 0.1),
-        "truncated L1": Smoothness("l1", 0.1, 8),
+        "truncated L1": Smoothness("l1", 0.4, 8),
+        "L2": Smoothness("l2", 0.002),
+        "truncated L2": Smoothness("l2", 0.1, 8),
+    },
+    "TRW-S": {
+        "L1": Smoothness("l1", 0.2),
+        "truncated L1": Smoothness("l1", 0.2, 16),
         "L2": Smoothness("l2", 0.1),
-        "truncated L2": Smoothness("l2", 0.1, 4),
+        "truncated L2": Smoothness("l2", 0.1, 8),
     },
 }
 KINDS = ("L1", "truncated L1", "L2", "truncated L2")
@@ -96,13 +114,19 @@ def problems(options: argparse.Namespace, pick: slice) -> Iterator[Problem]:
 
 
 def solved(problem: Problem, method: str, smoothness: Smoothness, iterations: int) -> np.ndarray:
-    """Labels, by one of METHODS."""
-    if method == "second pass":
+    """Labels, by a method of TUNED."""
+    if method.startswith("second pass"):
         window = (problem.window, problem.window)
         drawn = optimize.second_pass(problem.data, problem.first, smoothness, window, 1 / problem.window**2)
         return drawn.argmin(axis=2)
     solver = ICM(smoothness) if method == "ICM" else TRWS(smoothness, iterations)
     return optimize.solve(problem.volume, solver).index
+
+
+def timed(work: Callable[[], Any]) -> tuple[Any, float]:
+    start = time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - start
 
 
 def kind_of(smoothness: Smoothness) -> str:
@@ -145,7 +169,8 @@ def solvers(options: argparse.Namespace) -> None:
     print(f"{len(chosen)} pairs: {', '.join(problem.name for problem in chosen)}\n")
     for kind in KINDS:
         model = TUNED["TRW-S"][kind]
-        bounds = [optimize.solve(one.volume, TRWS(model, options.bound)).bound for one in chosen]
+        long = TRWS(model, options.bound)
+        best = [timed(lambda one=one: optimize.solve(one.volume, long)) for one in chosen]
         contenders: list[tuple[str, Any]] = [
             ("winner-take-all", None),
             ("second pass", "second pass"),
@@ -153,7 +178,7 @@ def solvers(options: argparse.Namespace) -> None:
             ("belief propagation, 1 level, 20", BeliefPropagation(model, 20, 1)),
             ("belief propagation, 5 levels, 5", BeliefPropagation(model, 5, 5)),
             ("TRW-S, 5", TRWS(model, 5)),
-            (f"TRW-S, {options.bound}", TRWS(model, options.bound)),
+            (f"TRW-S, {options.bound}", long),
         ]
         if model.is_metric:
             contenders.append(("expansion, 5", Expansion(model, 5)))
@@ -162,15 +187,22 @@ def solvers(options: argparse.Namespace) -> None:
         rows = []
         for name, solver in contenders:
             found = []
-            for problem, bound in zip(chosen, bounds, strict=True):
-                start = time.perf_counter()
+            for problem, (bounded, took) in zip(chosen, best, strict=True):
+                seconds, bound = took, bounded.bound
                 if solver is None:
-                    index = problem.volume.argmin(axis=2)
+                    index, seconds = timed(lambda problem=problem: problem.volume.argmin(axis=2))
                 elif solver == "second pass":
-                    index = solved(problem, "second pass", TUNED["second pass"][kind], 0)
+                    smoothness = TUNED["second pass"][kind]
+                    index, seconds = timed(
+                        lambda problem=problem, one=smoothness: solved(problem, "second pass", one, 0)
+                    )
+                elif solver is long:
+                    index = bounded.index
                 else:
-                    index = optimize.solve(problem.volume, solver).index
-                seconds = time.perf_counter() - start
+                    solution, seconds = timed(
+                        lambda problem=problem, one=solver: optimize.solve(problem.volume, one)
+                    )
+                    index = solution.index
                 # From a floor that no labels can fall below: each pixel's least cost.
                 floor = float(problem.volume.min(axis=2).sum(dtype=np.float64))
                 total = st.energy(index, problem.volume, model)
@@ -198,7 +230,15 @@ def norms(options: argparse.Namespace) -> None:
     count = 0
     for problem in problems(options, slice(None)):
         count += 1
-        for method in METHODS:
+        for method, index in (
+            (f"winners, ZNCC {options.window}", problem.volume.argmin(axis=2)),
+            ("first map", problem.first),
+        ):
+            found = problem.scores(index)
+            scores.setdefault((method, ""), []).append(
+                [scale * getattr(found, field) for _, field, scale in MEASURES]
+            )
+        for method in TUNED:
             for kind in KINDS:
                 index = solved(problem, method, TUNED[method][kind], options.iterations)
                 found = problem.scores(index)
@@ -209,13 +249,13 @@ def norms(options: argparse.Namespace) -> None:
     rows = []
     for (method, kind), found in scores.items():
         mean, spread = np.mean(found, axis=0), np.std(found, axis=0, ddof=1)
-        weight, limit = TUNED[method][kind].weight, TUNED[method][kind].truncation
+        model = TUNED[method][kind] if kind else None
         rows.append(
             [
                 method,
                 kind,
-                f"{weight:g}",
-                "" if limit is None else f"{limit:g}",
+                "" if model is None else f"{model.weight:g}",
+                "" if model is None or model.truncation is None else f"{model.truncation:g}",
                 *(f"{m:.2f} ± {s:.2f}" for m, s in zip(mean, spread, strict=True)),
             ]
         )
@@ -225,7 +265,7 @@ def norms(options: argparse.Namespace) -> None:
 
     resampled = np.random.default_rng(0).integers(0, count, (RESAMPLES, count))
     rows = []
-    for method in METHODS:
+    for method in TUNED:
         for one, other in (("L2", "L1"), ("truncated L2", "truncated L1")):
             gain = np.array(scores[method, one]) - np.array(scores[method, other])
             low, high = np.percentile(gain[resampled].mean(axis=1), [2.5, 97.5], axis=0)

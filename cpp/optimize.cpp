@@ -133,6 +133,11 @@ class Penalty {
   std::vector<float> both_;
 };
 
+// `parallel_rows` asks only where it has to wait: what is done many times over in no time has to ask by itself.
+void stop_if_asked(const Workers& workers) {
+  if (workers.interrupted()) throw Interrupted();
+}
+
 int argmin(const float* costs, int count) { return static_cast<int>(std::min_element(costs, costs + count) - costs); }
 
 void add(float* __restrict sum, const float* __restrict row, int count) {
@@ -273,6 +278,7 @@ void iterated_conditional_modes(const Grid& grid, const Smoothness& smoothness, 
   const int H = grid.height, W = grid.width, D = grid.count;
   const Penalty penalty(smoothness, D);
   for (int iteration = 0; iteration < iterations; ++iteration) {
+    stop_if_asked(workers);
     std::atomic<bool> changed{false};
     // Pixels of one colour of a chessboard have no neighbours among themselves: their order does not matter.
     for (int colour = 0; colour < 2; ++colour)
@@ -347,6 +353,7 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
   double bound = -std::numeric_limits<double>::infinity(), least_energy = std::numeric_limits<double>::infinity();
   std::vector<int32_t> best(labels, labels + pixels);
   for (int iteration = 0; iteration <= iterations; ++iteration) {
+    stop_if_asked(workers);
     wavefront(grid, false, workers, [&](int y, int x, Scratch& scratch) {
       const size_t p = static_cast<size_t>(y) * W + x;
       if (labels[p] < 0) return;
@@ -440,7 +447,7 @@ void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iter
   pyramid[0].takes_part.resize(pyramid[0].pixels());
   for (size_t p = 0; p < pyramid[0].pixels(); ++p) pyramid[0].takes_part[p] = labels[p] >= 0;
   while (static_cast<int>(pyramid.size()) < levels && std::max(pyramid.back().grid.height, pyramid.back().grid.width) > 1) {
-    if (workers.interrupted()) throw Interrupted();
+    stop_if_asked(workers);
     pyramid.push_back(halved(pyramid.back()));
   }
 
@@ -459,7 +466,8 @@ void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iter
       });
       pyramid.pop_back();
     }
-    for (int half = 0; half < 2 * iterations; ++half)
+    for (int half = 0; half < 2 * iterations; ++half) {
+      stop_if_asked(workers);
       parallel_rows(H, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
         Scratch scratch(D);
         for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
@@ -475,6 +483,7 @@ void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iter
             }
           }
       });
+    }
   }
   const Level& finest = pyramid[0];
   parallel_rows(grid.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {

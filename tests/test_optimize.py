@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+import subprocess
 import sys
 
 import numpy as np
@@ -643,3 +644,40 @@ def test_optimizers_survive_text(solver):
     assert Settings.from_toml(made.to_toml()) == made
     assert hash(made) == hash(Settings.from_toml(made.to_toml()))
     assert Settings.from_toml('preset = "paper-smoothed"\n' + made.to_toml()).optimize == solver
+
+
+# ---- interrupted ---------------------------------------------------------------------------------
+
+INTERRUPT = """
+import os, signal, sys, threading, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import numpy as np
+import stereopsis as st
+from stereopsis import optimize
+
+volume = np.random.default_rng(0).random((200, 300, 64)).astype(np.float32)
+solver = eval(sys.argv[1])
+signalled = []
+def interrupt():
+    signalled.append(time.monotonic())
+    os.kill(os.getpid(), signal.SIGINT)
+timer = threading.Timer(0.7, interrupt)
+timer.start()
+try:
+    optimize.solve(volume, solver, 2)
+except KeyboardInterrupt:
+    print(time.monotonic() - signalled[0])
+timer.join()
+assert threading.active_count() == 1
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")
+@pytest.mark.parametrize("solver", ["st.TRWS(iterations=10**4)", "st.BeliefPropagation(iterations=10**4)"])
+def test_an_interrupt_ends_a_solver_within_half_a_second(solver):
+    for _ in range(2):  # a busy machine gets a second chance
+        run = [sys.executable, "-c", INTERRUPT, solver]
+        seconds = float(subprocess.run(run, capture_output=True, text=True, timeout=120, check=True).stdout)
+        if seconds <= 0.5:
+            break
+    assert seconds <= 0.5

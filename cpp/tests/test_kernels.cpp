@@ -840,6 +840,17 @@ void test_solvers_are_interrupted() {
     CHECK(interrupted && seconds_since(start) < 5, name);
   };
   stops("belief propagation", [&](int32_t* labels) { belief_propagation(f.grid(), s, 1000, 3, labels, impatient); });
+  // Work of which no step lasts long enough to be asked while it is waited for.
+  const Field small = field(random, 3, 4, 5);
+  auto small_labels = small.start;
+  const Workers patient{1, [asked = 0]() mutable { return ++asked > 100; }};
+  bool stopped = false;
+  try {
+    tree_reweighted(small.grid(), s, 1 << 30, small_labels.data(), patient);
+  } catch (const Interrupted&) {
+    stopped = true;
+  }
+  CHECK(stopped, "many short iterations");
   stops("tree-reweighted", [&](int32_t* labels) { tree_reweighted(f.grid(), s, 1000, labels, impatient); });
 }
 

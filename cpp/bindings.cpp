@@ -119,6 +119,17 @@ void bind_select(nb::module_& m) {
                            {index.data(), cost.data(), before.data(), after.data(), second.data()}, workers);
           });
         });
+  m.def("select_at",
+        [](const Array<const T, 3>& volume, int first, const Array<int32_t, 2>& index, const Array<T, 2>& cost,
+           const Array<T, 2>& before, const Array<T, 2>& after, const Array<T, 2>& second, int threads) {
+          const int H = volume.shape(0), W = volume.shape(1), D = volume.shape(2);
+          require_shape(index, H, W);
+          for (const auto* array : {&cost, &before, &after, &second}) require_shape(*array, H, W);
+          run(threads, [&](const Workers& workers) {
+            select_at<T>(volume.data(), H, W, D, first,
+                         {index.data(), cost.data(), before.data(), after.data(), second.data()}, workers);
+          });
+        });
   m.def("select_right", [](const Array<const T, 3>& volume, int first, int width, int step, int disparity_step,
                            const Array<int32_t, 2>& index, int threads) {
     const int H = volume.shape(0), W = volume.shape(1), D = volume.shape(2);
@@ -211,6 +222,54 @@ void bind_supports(nb::module_& m) {
   });
 }
 
+Smoothness smoothness_of(int power, double weight, double truncation) {
+  require(power == 1 || power == 2, "power is 1 or 2");
+  require(0 <= weight && weight <= 1e20 && truncation > 0, "weight runs from 0 to 1e20, truncation from above 0");
+  return {power, weight, truncation};
+}
+
+Grid grid_of(const Array<const float, 3>& costs, const Array<int32_t, 2>& labels) {
+  const int H = costs.shape(0), W = costs.shape(1), D = costs.shape(2);
+  require(0 < D && D < 1 << 24, "from 1 to 2^24 - 1 labels");
+  require_shape(labels, H, W);
+  for (size_t p = 0; p < labels.size(); ++p)
+    require(-1 <= labels.data()[p] && labels.data()[p] < D, "labels run from 0, and are -1 where there is none");
+  return {costs.data(), H, W, D};
+}
+
+template <class T>
+void bind_optimize(nb::module_& m) {
+  m.def("relative_costs", [](const Array<const T, 3>& volume, const Array<float, 3>& costs, const Array<double, 2>& least,
+                             int threads) {
+    const int H = volume.shape(0), W = volume.shape(1), D = volume.shape(2);
+    require(D > 0, "no candidates");
+    require_shape(costs, H, W, D);
+    require_shape(least, H, W);
+    run(threads, [&](const Workers& workers) {
+      relative_costs<T>(volume.data(), H, W, D, costs.data(), least.data(), workers);
+    });
+  });
+  m.def("right_volume", [](const Array<const T, 3>& left, int first, const Array<T, 3>& right, int threads) {
+    const int H = left.shape(0), W = left.shape(1), D = left.shape(2);
+    require_shape(right, H, W, D);
+    run(threads, [&](const Workers& workers) { right_volume<T>(left.data(), H, W, D, first, right.data(), workers); });
+  });
+  m.def("second_pass", [](const Array<const T, 3>& volume, const Array<const int32_t, 2>& guide, int window_width,
+                          int window_height, const Array<const int64_t, 1>& penalties, double scale, double weight,
+                          const Array<float, 3>& total, int threads) {
+    const int H = volume.shape(0), W = volume.shape(1), D = volume.shape(2);
+    const Window window = window_of(window_width, window_height);
+    require(D > 0, "no candidates");
+    require_shape(guide, H, W);
+    require_shape(penalties, 2 * int64_t{D} - 1);
+    require_shape(total, H, W, D);
+    for (size_t p = 0; p < guide.size(); ++p) require(guide.data()[p] < D, "a label beyond the candidates");
+    run(threads, [&](const Workers& workers) {
+      second_pass<T>(volume.data(), H, W, D, guide.data(), window, penalties.data(), scale, weight, total.data(), workers);
+    });
+  });
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -257,6 +316,43 @@ NB_MODULE(_core, m) {
   });
 
   bind_supports(m);
+  bind_optimize<int64_t>(m);
+  bind_optimize<float>(m);
+
+  m.def("distance_transform",
+        [](const Array<const float, 2>& h, int power, double weight, double truncation, const Array<float, 2>& best) {
+          const int rows = h.shape(0), D = h.shape(1);
+          require(0 < D && D < 1 << 24, "from 1 to 2^24 - 1 labels");
+          require_shape(best, rows, D);
+          distance_transform(h.data(), rows, D, smoothness_of(power, weight, truncation), best.data());
+        });
+
+  m.def("iterated_conditional_modes", [](const Array<const float, 3>& costs, int power, double weight, double truncation,
+                                         int iterations, const Array<int32_t, 2>& labels, int threads) {
+    const Grid grid = grid_of(costs, labels);
+    const Smoothness smoothness = smoothness_of(power, weight, truncation);
+    run(threads, [&](const Workers& workers) {
+      iterated_conditional_modes(grid, smoothness, iterations, labels.data(), workers);
+    });
+  });
+
+  m.def("tree_reweighted", [](const Array<const float, 3>& costs, int power, double weight, double truncation, int iterations,
+                              const Array<int32_t, 2>& labels, int threads) {
+    const Grid grid = grid_of(costs, labels);
+    const Smoothness smoothness = smoothness_of(power, weight, truncation);
+    double bound = 0;
+    run(threads, [&](const Workers& workers) { bound = tree_reweighted(grid, smoothness, iterations, labels.data(), workers); });
+    return bound;
+  });
+
+  m.def("belief_propagation", [](const Array<const float, 3>& costs, int power, double weight, double truncation, int iterations,
+                                 int levels, const Array<int32_t, 2>& labels, int threads) {
+    const Grid grid = grid_of(costs, labels);
+    const Smoothness smoothness = smoothness_of(power, weight, truncation);
+    run(threads, [&](const Workers& workers) {
+      belief_propagation(grid, smoothness, iterations, levels, labels.data(), workers);
+    });
+  });
 
   bind_select<int64_t>(m);
   bind_select<float>(m);

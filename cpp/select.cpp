@@ -5,9 +5,12 @@
 
 namespace stereopsis {
 
-template <class T>
-void select_left(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
-                 const Workers& workers) {
+namespace {
+
+// What surrounds the candidate that `choose(costs, lo, hi, at)` picks of those in view, lo ... hi - 1.
+template <class T, class Choose>
+void select(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
+            const Workers& workers, Choose choose) {
   const int columns = sampled(lattice.width, lattice.step), apart = lattice.disparity_step;
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
@@ -17,17 +20,33 @@ void select_left(const T* volume, int height, const Lattice& lattice, int count,
         const int highest = column * lattice.step - first, lowest = highest - (lattice.width - 1);
         const int lo = lowest <= 0 ? 0 : (lowest + apart - 1) / apart;
         const int hi = highest < 0 ? 0 : std::min(count, highest / apart + 1);
-        winners.index[at] = -1;
-        winners.cost[at] = winners.before[at] = winners.after[at] = winners.second[at] = worst_cost<T>();
-        if (hi <= lo) continue;
-        const int best = static_cast<int>(std::min_element(costs + lo, costs + hi) - costs);
+        const int best = hi > lo ? choose(costs, lo, hi, at) : -1;
         winners.index[at] = best;
+        winners.cost[at] = winners.before[at] = winners.after[at] = winners.second[at] = worst_cost<T>();
+        if (best < 0) continue;
         winners.cost[at] = costs[best];
         if (best > lo) winners.before[at] = costs[best - 1];
         if (best + 1 < hi) winners.after[at] = costs[best + 1];
         for (int i = lo; i < hi; ++i)
           if (i < best - 1 || i > best + 1) winners.second[at] = std::min(winners.second[at], costs[i]);
       }
+  });
+}
+
+}  // namespace
+
+template <class T>
+void select_left(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
+                 const Workers& workers) {
+  select(volume, height, lattice, count, first, winners, workers, [](const T* costs, int lo, int hi, size_t) {
+    return static_cast<int>(std::min_element(costs + lo, costs + hi) - costs);
+  });
+}
+
+template <class T>
+void select_at(const T* volume, int height, int width, int count, int first, const Winners<T>& winners, const Workers& workers) {
+  select(volume, height, Lattice{width, 1, 1}, count, first, winners, workers, [&](const T*, int lo, int hi, size_t at) {
+    return lo <= winners.index[at] && winners.index[at] < hi ? winners.index[at] : -1;
   });
 }
 
@@ -58,5 +77,11 @@ template void select_left(const int64_t*, int, const Lattice&, int, int, const W
 template void select_left(const float*, int, const Lattice&, int, int, const Winners<float>&, const Workers&);
 template void select_right(const int64_t*, int, const Lattice&, int, int, int32_t*, const Workers&);
 template void select_right(const float*, int, const Lattice&, int, int, int32_t*, const Workers&);
+template void select_left(const int64_t*, int, int, int, int, const Winners<int64_t>&, const Workers&);
+template void select_left(const float*, int, int, int, int, const Winners<float>&, const Workers&);
+template void select_at(const int64_t*, int, int, int, int, const Winners<int64_t>&, const Workers&);
+template void select_at(const float*, int, int, int, int, const Winners<float>&, const Workers&);
+template void select_right(const int64_t*, int, int, int, int, int32_t*, const Workers&);
+template void select_right(const float*, int, int, int, int, int32_t*, const Workers&);
 
 }  // namespace stereopsis

@@ -50,6 +50,39 @@ void bilateral_costs(const Pair& pair, CostKind cost, const Sampling& sampling, 
 void cross_arms(const int32_t* image, int height, int width, int channels, int arm, double threshold, Reach* reach,
                 const Workers& workers);
 
+// ---- optimize: labels that agree with their neighbours --------------------------------------------------------------
+// V(a) = weight * min(|a|, truncation)^power, power 1 or 2.
+struct Smoothness {
+  int power;
+  double weight, truncation;
+};
+// Costs (H, W, D), each pixel's least one 0, infinity where a label is not possible. A pixel without a possible label is -1
+// in all labels, and takes no part: the edges to it do not count.
+struct Grid {
+  const float* costs;
+  int height, width, count;
+};
+// Costs counted from each pixel's least one, and that one, (H, W); 0 where nothing is possible.
+template <class T>
+void relative_costs(const T* volume, int height, int width, int count, float* costs, double* least, const Workers& workers);
+// The volume of the right view: at (x - d, y) what the left one holds at (x, y).
+template <class T>
+void right_volume(const T* left, int height, int width, int count, int first, T* right, const Workers& workers);
+// scale * cost + weight * mean over the window of V(guide - label), V from `penalties`: 2 D - 1 of them, from 1 - D to D - 1.
+// A pixel whose guide is -1 does not count.
+template <class T>
+void second_pass(const T* volume, int height, int width, int count, const int32_t* guide, const Window& window,
+                 const int64_t* penalties, double scale, double weight, float* total, const Workers& workers);
+// best[l] = min over k of h[k] + V(l - k), for each of the rows; one entry of a row is finite at least.
+void distance_transform(const float* h, int rows, int count, const Smoothness& smoothness, float* best);
+// Each takes labels (only the first starts from them; -1 says which pixels take no part) and leaves its own.
+void iterated_conditional_modes(const Grid& grid, const Smoothness& smoothness, int iterations, int32_t* labels,
+                                const Workers& workers);
+// Returns a lower bound of the energy.
+double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int iterations, int32_t* labels, const Workers& workers);
+void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iterations, int levels, int32_t* labels,
+                        const Workers& workers);
+
 // ---- select: winner-take-all for the left and for the right view ----------------------------------------------------
 // (H, W) each. The winner's index (-1 where nothing is in view), its cost, its two neighbours' costs (its own where
 // there is none), and the least cost apart from these three (`worst` where there is none).
@@ -66,6 +99,9 @@ struct Lattice {
 template <class T>
 void select_left(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
                  const Workers& workers);
+// The same of labels that were chosen otherwise.
+template <class T>
+void select_at(const T* volume, int height, int width, int count, int first, const Winners<T>& winners, const Workers& workers);
 // `index` is (H, width): of the right image every column.
 template <class T>
 void select_right(const T* volume, int height, const Lattice& lattice, int count, int first, int32_t* index,

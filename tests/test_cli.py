@@ -156,6 +156,10 @@ class TestMatch:
     SETTINGS: ClassVar = {
         "disparities": ("-2:9", [-2, 9]),
         "cost": ("ncc", {"name": "ncc", "window": [21, 21]}),
+        "optimize": (
+            "icm",
+            {"name": "icm", "norm": "l1", "weight": 0.1, "truncation": None, "iterations": 10},
+        ),
         "channels": ("separate", "separate"),
         "subpixel": ("equiangular", "equiangular"),
         "left_right": ("2", 2.0),

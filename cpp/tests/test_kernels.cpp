@@ -10,6 +10,7 @@
 #include <new>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "../dispatch.hpp"
@@ -830,6 +831,175 @@ void test_dispatch() {
   CHECK(refused, "an unknown name");
 }
 
+// ---- optimize -------------------------------------------------------------------------------------------------------
+
+struct Field {
+  int height, width, count;
+  std::vector<float> costs;
+  std::vector<int32_t> start;
+  Grid grid() const { return {costs.data(), height, width, count}; }
+};
+
+// Small whole costs, whose least is 0; some labels, and some pixels, are not possible.
+Field field(Random& random, int height, int width, int count) {
+  Field f{height, width, count, {}, {}};
+  for (int p = 0; p < height * width; ++p) {
+    const bool possible = random.below(8) > 0;
+    const int best = random.below(count);
+    for (int l = 0; l < count; ++l)
+      f.costs.push_back(!possible || (l != best && random.below(6) == 0) ? worst_cost<float>()
+                                                                           : static_cast<float>(l == best ? 0 : random.below(9)));
+    const auto* costs = f.costs.data() + static_cast<size_t>(p) * count;
+    f.start.push_back(possible ? static_cast<int>(std::min_element(costs, costs + count) - costs) : -1);
+  }
+  return f;
+}
+
+double penalty(const Smoothness& s, int a) {
+  const double step = std::min<double>(std::abs(a), s.truncation);
+  return s.weight * (s.power == 2 ? step * step : step);
+}
+
+double energy(const Field& f, const Smoothness& s, const std::vector<int32_t>& labels) {
+  double sum = 0;
+  for (int y = 0; y < f.height; ++y)
+    for (int x = 0; x < f.width; ++x) {
+      const int p = y * f.width + x;
+      if (labels[p] < 0) continue;
+      sum += f.costs[static_cast<size_t>(p) * f.count + labels[p]];
+      if (x + 1 < f.width && labels[p + 1] >= 0) sum += penalty(s, labels[p] - labels[p + 1]);
+      if (y + 1 < f.height && labels[p + f.width] >= 0) sum += penalty(s, labels[p] - labels[p + f.width]);
+    }
+  return sum;
+}
+
+const std::vector<Smoothness> kSmoothness{{1, 0.5, HUGE_VAL}, {1, 2, 2.5},  {2, 0.25, HUGE_VAL}, {2, 1, 3},
+                                          {1, 0, HUGE_VAL},   {2, 0, 1},    {2, 0.001, HUGE_VAL}, {1, 1, 1000}};
+
+void test_distance_transform() {
+  Random random{11};
+  for (const Smoothness& s : kSmoothness)
+    for (const int count : {1, 2, 3, 8, 25, 26, 51, 64, 130}) {
+      std::vector<float> h(static_cast<size_t>(3) * count), best(h.size());
+      for (auto& v : h) v = random.below(4) == 0 ? worst_cost<float>() : static_cast<float>(random.below(1000));
+      for (int row = 0; row < 3; ++row) h[static_cast<size_t>(row) * count + random.below(count)] = 7;
+      distance_transform(h.data(), 3, count, s, best.data());
+      double worst = 0;
+      for (int row = 0; row < 3; ++row)
+        for (int l = 0; l < count; ++l) {
+          double least = HUGE_VAL;
+          for (int k = 0; k < count; ++k) least = std::min(least, h[row * count + k] + penalty(s, k - l));
+          worst = std::max(worst, std::abs(least - best[row * count + l]));
+        }
+      CHECK(worst < 1e-2, text(s.power) + " of " + text(count) + " labels: " + std::to_string(worst));
+    }
+}
+
+void test_solvers() {
+  Random random{5};
+  for (const auto& [height, width, count] : {std::tuple{1, 1, 1}, {1, 9, 4}, {9, 1, 5}, {5, 7, 1}, {6, 17, 30}, {17, 5, 33}})
+    for (const Smoothness& s : kSmoothness) {
+      const Field f = field(random, height, width, count);
+      const double start = energy(f, s, f.start);
+      const std::string told = text(height) + "x" + text(width) + "x" + text(count);
+      std::vector<int32_t> first[3];
+      for (const int threads : {1, 3, 40}) {
+        const Workers workers{threads, [] { return false; }};
+        std::vector<int32_t> labels[3] = {f.start, f.start, f.start};
+        iterated_conditional_modes(f.grid(), s, 5, labels[0].data(), workers);
+        const double bound = tree_reweighted(f.grid(), s, 5, labels[1].data(), workers);
+        belief_propagation(f.grid(), s, 3, 4, labels[2].data(), workers);
+        CHECK(energy(f, s, labels[0]) <= start, told);
+        for (int k = 0; k < 3; ++k) {
+          CHECK(bound <= energy(f, s, labels[k]) + 1e-3, told);
+          if (threads == 1) first[k] = labels[k];
+          CHECK(labels[k] == first[k], told + ": " + text(threads) + " threads");
+        }
+      }
+    }
+}
+
+template <class T>
+void test_second_pass() {
+  Random random{3};
+  for (const Window window : {Window{1, 1}, Window{2, 3}, Window{9, 4}, Window{30, 31}}) {
+    const int height = 5, width = 7, count = 6;
+    std::vector<T> volume(static_cast<size_t>(height) * width * count);
+    for (auto& v : volume) v = random.below(5) == 0 ? worst_cost<T>() : static_cast<T>(random.below(100));
+    std::vector<int32_t> guide(static_cast<size_t>(height) * width);
+    for (auto& v : guide) v = random.between(-1, count - 1);
+    std::vector<int64_t> penalties;
+    for (int a = 1 - count; a < count; ++a) penalties.push_back(int64_t{a} * a);
+    std::vector<float> total(volume.size());
+    second_pass(volume.data(), height, width, count, guide.data(), window, penalties.data(), 0.5, 2.0, total.data(),
+                {3, [] { return false; }});
+    bool equal = true;
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        for (int l = 0; l < count; ++l) {
+          double sum = 0;
+          int drawn = 0;
+          for (int j = 0; j < window.height; ++j)
+            for (int i = 0; i < window.width; ++i) {
+              const int g = guide[clamp(y + j - window.height / 2, 0, height - 1) * width +
+                                  clamp(x + i - window.width / 2, 0, width - 1)];
+              if (g < 0) continue;
+              ++drawn;
+              sum += (g - l) * (g - l);
+            }
+          const size_t at = (static_cast<size_t>(y) * width + x) * count + l;
+          const double expected = 0.5 * static_cast<double>(volume[at]) + (drawn ? 2 * sum / drawn : 0);
+          equal &= volume[at] == worst_cost<T>() ? std::isinf(total[at]) : std::abs(total[at] - expected) < 1e-3;
+        }
+    CHECK(equal, text(window.width) + "x" + text(window.height));
+    // The right view and back is the volume again, but for what the right image does not hold.
+    for (const int first : {-9, -2, 0, 3}) {
+      std::vector<T> right(volume.size());
+      right_volume(volume.data(), height, width, count, first, right.data(), kAlone);
+      bool same = true;
+      for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x)
+          for (int i = 0; i < count; ++i) {
+            const int there = x + first + i;
+            const T seen = there < 0 || there >= width ? worst_cost<T>() : volume[(y * width + there) * count + i];
+            same &= right[(y * width + x) * count + i] == seen;
+          }
+      CHECK(same, text(first));
+    }
+  }
+}
+
+void test_solvers_are_interrupted() {
+  Random random{1};
+  const Field f = field(random, 200, 300, 64);
+  const Smoothness s{2, 0.01, HUGE_VAL};
+  const Workers impatient{3, [] { return true; }};
+  const auto stops = [&](const char* name, auto solve) {
+    auto labels = f.start;
+    const auto start = std::chrono::steady_clock::now();
+    bool interrupted = false;
+    try {
+      solve(labels.data());
+    } catch (const Interrupted&) {
+      interrupted = true;
+    }
+    CHECK(interrupted && seconds_since(start) < 5, name);
+  };
+  stops("belief propagation", [&](int32_t* labels) { belief_propagation(f.grid(), s, 1000, 3, labels, impatient); });
+  // Work of which no step lasts long enough to be asked while it is waited for.
+  const Field small = field(random, 3, 4, 5);
+  auto small_labels = small.start;
+  const Workers patient{1, [asked = 0]() mutable { return ++asked > 100; }};
+  bool stopped = false;
+  try {
+    tree_reweighted(small.grid(), s, 1 << 30, small_labels.data(), patient);
+  } catch (const Interrupted&) {
+    stopped = true;
+  }
+  CHECK(stopped, "many short iterations");
+  stops("tree-reweighted", [&](int32_t* labels) { tree_reweighted(f.grid(), s, 1000, labels, impatient); });
+}
+
 }  // namespace
 
 int main() {
@@ -845,6 +1015,11 @@ int main() {
   timed("supports", test_supports);
   timed("select, whole costs", test_select<int64_t>);
   timed("select, float costs", test_select<float>);
+  timed("distance transform", test_distance_transform);
+  timed("solvers", test_solvers);
+  timed("second pass, whole costs", test_second_pass<int64_t>);
+  timed("second pass, float costs", test_second_pass<float>);
+  timed("solvers are interrupted", test_solvers_are_interrupted);
   timed("texture", test_texture);
   timed("speckle", test_speckle);
   timed("median", test_median);

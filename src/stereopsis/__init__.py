@@ -14,6 +14,16 @@ from stereopsis.io import (
     write_ply,
     write_preview,
 )
+from stereopsis.optimize import (
+    ICM,
+    TRWS,
+    BeliefPropagation,
+    Expansion,
+    SecondPass,
+    Smoothness,
+    Swap,
+    energy,
+)
 from stereopsis.pipeline import estimate_disparities, match
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
@@ -22,26 +32,34 @@ from stereopsis.types import Calibration, Disparities, Flag, Pair, Result
 __version__ = "0.1.0"
 
 __all__ = [
+    "ICM",
     "NCC",
     "PRESETS",
     "SAD",
     "SSD",
+    "TRWS",
     "ZNCC",
     "ZSAD",
     "ZSSD",
     "Adaptive",
     "Bilateral",
+    "BeliefPropagation",
     "Calibration",
     "Cross",
     "Disparities",
+    "Expansion",
     "Flag",
     "Gaussian",
     "Pair",
     "Result",
     "Scores",
+    "SecondPass",
     "Settings",
+    "Smoothness",
+    "Swap",
     "datasets",
     "depth",
+    "energy",
     "error_map",
     "estimate_disparities",
     "evaluate",

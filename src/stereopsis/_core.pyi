@@ -9,6 +9,7 @@ _U8 = npt.NDArray[np.uint8]
 _I32 = npt.NDArray[np.int32]
 _I64 = npt.NDArray[np.int64]
 _F32 = npt.NDArray[np.float32]
+_F64 = npt.NDArray[np.float64]
 
 narrow_limit: int
 
@@ -125,6 +126,52 @@ def bilateral_costs(
     /,
 ) -> None: ...
 def cross_arms(image: _I32, arm: int, threshold: float, reach: _I32, threads: int, /) -> None: ...
+def relative_costs(volume: npt.NDArray[Any], costs: _F32, least: _F64, threads: int, /) -> None: ...
+def right_volume(left: npt.NDArray[Any], first: int, right: npt.NDArray[Any], threads: int, /) -> None: ...
+def second_pass(
+    volume: npt.NDArray[Any],
+    guide: _I32,
+    window_width: int,
+    window_height: int,
+    penalties: _I64,
+    scale: float,
+    weight: float,
+    total: _F32,
+    threads: int,
+    /,
+) -> None: ...
+def distance_transform(h: _F32, power: int, weight: float, truncation: float, best: _F32, /) -> None: ...
+def iterated_conditional_modes(
+    costs: _F32,
+    power: int,
+    weight: float,
+    truncation: float,
+    iterations: int,
+    labels: _I32,
+    threads: int,
+    /,
+) -> None: ...
+def tree_reweighted(
+    costs: _F32,
+    power: int,
+    weight: float,
+    truncation: float,
+    iterations: int,
+    labels: _I32,
+    threads: int,
+    /,
+) -> float: ...
+def belief_propagation(
+    costs: _F32,
+    power: int,
+    weight: float,
+    truncation: float,
+    iterations: int,
+    levels: int,
+    labels: _I32,
+    threads: int,
+    /,
+) -> None: ...
 def select_left(
     volume: npt.NDArray[Any],
     first: int,
@@ -149,6 +196,18 @@ def select_right(
     threads: int,
     /,
 ) -> None: ...
+def select_at(
+    volume: npt.NDArray[Any],
+    first: int,
+    index: _I32,
+    cost: npt.NDArray[Any],
+    before: npt.NDArray[Any],
+    after: npt.NDArray[Any],
+    second: npt.NDArray[Any],
+    threads: int,
+    /,
+) -> None: ...
+def select_right(volume: npt.NDArray[Any], first: int, index: _I32, threads: int, /) -> None: ...
 def texture(image: _I32, window_width: int, window_height: int, mean: _F32, threads: int, /) -> None: ...
 def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None: ...
 def median(disparity: _F32, size: int, out: _F32, threads: int, /) -> None: ...

@@ -483,6 +483,8 @@ def _text(value: Any) -> str:
             return f"{value:.6g}"
         case list() | tuple():
             return ", ".join(map(_text, value))
+        case dict():
+            return ", ".join(f"{name} {_text(part)}" for name, part in value.items() if part is not None)
         case _:
             return str(value)
 

@@ -1,6 +1,6 @@
 """From a pair to a disparity map: the page to read first.
 
-read → cost → aggregate → select → validate → refine → fill → write
+read → cost → aggregate → optimize → select → validate → refine → fill → write
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, validate, weigh
+from stereopsis import _fused, aggregate, cost, fill, optimize, refine, select, settings, validate, weigh
 from stereopsis.settings import Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling
@@ -39,6 +39,7 @@ def match(
     disparities: tuple[int, int] | None = UNSET,
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
+    optimize: optimize.Optimizer | str | None = UNSET,
     subpixel: str | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
@@ -68,7 +69,7 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, subpixel, left_right, uniqueness, texture, median, speckle, fill
+    cost, channels, optimize, subpixel, left_right, uniqueness, texture, median, speckle, fill
         As in `Settings`.
     step, disparity_step, threads, keep
         As in `Settings`.
@@ -107,6 +108,7 @@ def match(
             ("disparities", disparities),
             ("cost", cost),
             ("channels", channels),
+            ("optimize", optimize),
             ("subpixel", subpixel),
             ("left_right", left_right),
             ("uniqueness", uniqueness),
@@ -146,7 +148,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             dtype = cost.dtype_of(_kind(chosen)) if chosen.cost.support is None else np.float32
             none = Disparities(chosen.disparities.min, chosen.disparities.min)
             volume = np.empty((*disparity[:: chosen.step, :: chosen.step].shape, 0), dtype)
-            stages["costs"] = _presented(volume, chosen, pixels.step, none)
+            stages["costs"] = _presented(volume, chosen, _unit(_kind(chosen), pixels.step), none)
         if "right_disparity" in chosen.keep:
             stages["right_disparity"] = disparity.copy()
     elif composed:
@@ -199,35 +201,41 @@ def _compose(
     stages: dict[str, npt.NDArray[Any]],
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Stage by stage, through a cost volume: what the streaming path is measured against."""
-    kind, window, threads = _kind(chosen), chosen.cost.size, chosen.threads
+    kind, window, threads, solver = _kind(chosen), chosen.cost.size, chosen.threads, chosen.optimize
     sampling, (height, width) = _sampling(chosen), pixels.left.shape[:2]
-    if chosen.cost.support is not None:
-        with _timed(timings, "weigh"):
-            volume: npt.NDArray[Any] = weigh.volume(
-                chosen.cost.support, kind, *pixels, seen, sampling, threads
-            )
-    elif kind == "zsad":
-        with _timed(timings, "cost"):
-            volume = _sampled(cost.zsad(pixels, seen, window, threads), sampling)
-    else:
-        with _timed(timings, "cost"):
-            terms = cost.terms(kind, pixels, seen, window, threads)
-        with _timed(timings, "aggregate"):
-            sums = aggregate.box(terms, window, threads)
-        with _timed(timings, "score"):
-            volume = _sampled(cost.score(kind, sums, pixels, seen, window, threads), sampling)
+    if isinstance(solver, optimize.SecondPass):
+        guide = _first_labels(pixels, chosen, seen, timings)
+        kind = solver.data or kind
+    volume = _volume(kind, pixels, chosen, seen, timings)
+    unit = _unit(kind, pixels.step)
+    if isinstance(solver, optimize.SecondPass):
+        weighed = kind in ("ncc", "zncc") or chosen.cost.support is not None
+        mean = 1 if weighed else window[0] * window[1] * pixels.left.shape[2]
+        with _timed(timings, "optimize"):
+            volume = optimize.second_pass(volume, guide, solver.smoothness, window, unit / mean, threads)
+        solver, unit = None, 1.0
 
-    with _timed(timings, "select"):
-        winners = select.left(volume, seen.min, threads, width=width, sampling=sampling)
-        right = select.right(volume, seen.min, threads, width=width, sampling=sampling)
+    if solver is None:
+        with _timed(timings, "select"):
+            winners = select.left(volume, seen.min, threads, width=width, sampling=sampling)
+            right = select.right(volume, seen.min, threads, width=width, sampling=sampling)
+    else:
+        with _timed(timings, "optimize"):
+            labels = optimize.solve(volume, solver, threads).index
+            winners = select.at(volume, labels, seen.min, threads)
+            # Plain winners would disagree with what the neighbours have talked each other into.
+            if chosen.left_right is not None or "right_disparity" in chosen.keep:
+                right = optimize.solve(optimize.right_view(volume, seen.min, threads), solver, threads).index
 
     perfect = -1.0 if kind in ("ncc", "zncc") else 0.0
     around = winners.cost, winners.before, winners.after
     flags = np.zeros(winners.index.shape, np.uint8)
     with _timed(timings, "refine"):
         offset = refine.subpixel(chosen.subpixel, *around)
+        # A label that its neighbours hold against its own costs has no extremum to fit.
+        held = (winners.before < winners.cost) | (winners.after < winners.cost)
         disparity = (winners.index * sampling.disparity_step + np.int32(seen.min)).astype(np.float32)
-        disparity += offset * np.float32(sampling.disparity_step)
+        disparity += np.where(held, np.float32(0), offset) * np.float32(sampling.disparity_step)
         confidence = refine.confidence(perfect, *around)
     with _timed(timings, "validate"):
         _refuse(winners.index < 0, Flag.OUT_OF_VIEW, disparity, confidence, flags)
@@ -240,7 +248,7 @@ def _compose(
                 _refuse(failed == flag, flag, disparity, confidence, flags)
 
     if "costs" in chosen.keep:
-        stages["costs"] = _presented(volume, chosen, pixels.step, seen)
+        stages["costs"] = _presented(volume, chosen, unit, seen)
     if "right_disparity" in chosen.keep:
         found = right * sampling.disparity_step + np.int32(seen.min)
         there = np.where(right < 0, np.nan, found).astype(np.float32)
@@ -251,9 +259,43 @@ def _compose(
     return disparity, confidence, flags
 
 
+def _volume(
+    kind: str, pixels: cost.Pixels, chosen: Settings, seen: Disparities, timings: dict[str, float]
+) -> npt.NDArray[Any]:
+    """Costs of the window, or of the support, for every candidate: (H, W, D)."""
+    window, threads, sampling = chosen.cost.size, chosen.threads, _sampling(chosen)
+    if chosen.cost.support is not None:
+        with _timed(timings, "weigh"):
+            weighed: npt.NDArray[Any] = weigh.volume(
+                chosen.cost.support, kind, *pixels, seen, sampling, threads
+            )
+            return weighed
+    if kind == "zsad":
+        with _timed(timings, "cost"):
+            return _sampled(cost.zsad(pixels, seen, window, threads), sampling)
+    with _timed(timings, "cost"):
+        terms = cost.terms(kind, pixels, seen, window, threads)
+    with _timed(timings, "aggregate"):
+        sums = aggregate.box(terms, window, threads)
+    with _timed(timings, "score"):
+        return _sampled(cost.score(kind, sums, pixels, seen, window, threads), sampling)
+
+
+def _first_labels(
+    pixels: cost.Pixels, chosen: Settings, seen: Disparities, timings: dict[str, float]
+) -> npt.NDArray[np.int32]:
+    """The plain winners that a second pass starts from, as candidate numbers; -1 for none."""
+    kind, threads = _kind(chosen), chosen.threads
+    if chosen.cost.support is not None:
+        return select.left(_volume(kind, pixels, chosen, seen, timings), seen.min, threads).index
+    with _timed(timings, "first"):
+        first, _, _ = _fused.match(kind, pixels, seen, chosen.cost.size, None, None, None, threads)
+        return np.where(np.isnan(first), -1, first - np.float32(seen.min)).astype(np.int32)
+
+
 def _streams(chosen: Settings) -> bool:
     """Whether the streaming path serves these settings."""
-    if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY:
+    if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY or chosen.optimize is not None:
         return False
     match chosen.cost.support:
         case None:
@@ -277,18 +319,22 @@ def _nearest(side: int, step: int) -> npt.NDArray[np.int64]:
     return np.minimum((np.arange(side) + (step - 1) // 2) // step, matched - 1)
 
 
+def _unit(kind: str, step: float) -> float:
+    """What one unit of a cost is worth in the image's own grey levels, or their squares."""
+    return {"sad": step, "zsad": step, "ssd": step * step, "zssd": step * step}.get(kind, 1.0)
+
+
 def _presented(
-    volume: npt.NDArray[Any], chosen: Settings, step: float, seen: Disparities
+    volume: npt.NDArray[Any], chosen: Settings, unit: float, seen: Disparities
 ) -> npt.NDArray[Any]:
     """The volume over the whole range that was asked for, in the image's own units."""
-    asked, apart, kind = cast(Disparities, chosen.disparities), chosen.disparity_step, _kind(chosen)
+    asked, apart = cast(Disparities, chosen.disparities), chosen.disparity_step
     worst = np.iinfo(volume.dtype).max if volume.dtype.kind == "i" else np.inf
     whole = np.full((*volume.shape[:2], -(-asked.span // apart)), worst, volume.dtype)
     first = (seen.min - asked.min) // apart
     whole[..., first : first + volume.shape[2]] = volume
-    if step == 1:
+    if unit == 1:
         return whole
-    unit = {"sad": step, "zsad": step, "ssd": step * step, "zssd": step * step}.get(kind, 1.0)
     with np.errstate(over="ignore"):  # what float32 cannot hold is infinite
         return np.where(whole < worst, whole.astype(np.float64) * unit, np.inf).astype(np.float32)
 

@@ -71,6 +71,25 @@ def left(
     return winners
 
 
+def at(volume: npt.NDArray[Any], index: npt.NDArray[np.int32], first: int, threads: int = 0) -> Winners:
+    """What `left` tells, of candidates that were chosen otherwise.
+
+    Parameters
+    ----------
+    volume : ndarray of int64 or float32, (H, W, D)
+    index : ndarray of int32, (H, W)
+        Candidate numbers; -1 for none, as for one that is not in view.
+    first : int
+        Disparity of candidate 0.
+    threads : int
+    """
+    chosen = Winners(index.copy(), *(np.empty(index.shape, volume.dtype) for _ in range(4)))
+    _core.select_at(
+        volume, first, chosen.index, chosen.cost, chosen.before, chosen.after, chosen.second, threads
+    )
+    return chosen
+
+
 def right(
     volume: npt.NDArray[Any],
     first: int,

@@ -12,9 +12,19 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, cast
 
 from stereopsis.supports import MAX_WINDOW, Support, Window, as_window, window_size
+from stereopsis.optimize import (
+    ICM,
+    TRWS,
+    BeliefPropagation,
+    Expansion,
+    Optimizer,
+    SecondPass,
+    Smoothness,
+    Swap,
+)
 from stereopsis.types import Disparities
 
 
@@ -83,6 +93,27 @@ Cost: TypeAlias = SAD | SSD | ZSAD | ZSSD | NCC | ZNCC
 COSTS: Mapping[str, type[Cost]] = MappingProxyType(
     {"sad": SAD, "ssd": SSD, "zsad": ZSAD, "zssd": ZSSD, "ncc": NCC, "zncc": ZNCC}
 )
+OPTIMIZERS: Mapping[str, type[Optimizer]] = MappingProxyType(
+    {
+        "second-pass": SecondPass,
+        "icm": ICM,
+        "bp": BeliefPropagation,
+        "trws": TRWS,
+        "expansion": Expansion,
+        "swap": Swap,
+    }
+)
+OPTIMIZER_PARTS: Mapping[str, str] = MappingProxyType(
+    {
+        "smoothness": "norm",
+        "smoothness_weight": "weight",
+        "smoothness_truncation": "truncation",
+        "optimize_iterations": "iterations",
+        "optimize_levels": "levels",
+        "optimize_data": "data",
+    }
+)
+"""What an optimizer and its smoothness are made of, by the names that these have in a text."""
 Subpixel: TypeAlias = Literal["parabola", "equiangular"]
 SUBPIXEL = ("parabola", "equiangular")
 FILLS = ("background",)
@@ -104,6 +135,8 @@ class Settings:
     channels : {"grey", "separate"}
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
+    optimize : SecondPass, ICM, BeliefPropagation, TRWS, Expansion, Swap or None
+        How neighbours' labels are made to agree, with its smoothness. None: the plain winners.
     subpixel : {"parabola", "equiangular"} or None
         Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and
         correlations, the equiangular (V) fit for absolute differences.
@@ -138,6 +171,7 @@ class Settings:
     disparities: Disparities | None = None
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
+    optimize: Optimizer | None = None
     subpixel: Subpixel | None = "parabola"
     left_right: float | None = None
     uniqueness: float | None = None
@@ -174,7 +208,7 @@ class Settings:
         assignments : iterable of str, optional
             Such as ``"cost=zncc"``, ``"window=31x15"``, ``"left_right=none"``.
         **changes
-            Any field of `Settings`, and `window`.
+            Any field of `Settings`, `window`, and the `OPTIMIZER_PARTS`.
 
         Raises
         ------
@@ -195,7 +229,7 @@ class Settings:
         return (named(start) if start is not None else cls()).changed(**given)
 
     def changed(self, **changes: Any) -> Settings:
-        """A copy with other values: any field, and `window`, which is the cost's."""
+        """A copy with other values: any field, `window`, which is the cost's, and the `OPTIMIZER_PARTS`."""
         known = _NAMES
         for name in changes:
             if name not in known:
@@ -207,6 +241,10 @@ class Settings:
         if resized:
             cost = changes.get("cost", self.cost)
             changes["cost"] = dataclasses.replace(cost, window=window) if _is_cost(cost) else cost
+        parts = {name: changes.pop(name) for name in OPTIMIZER_PARTS if name in changes}
+        solver = changes.get("optimize", self.optimize)
+        if parts or isinstance(solver, str):
+            changes["optimize"] = _optimizer(solver, self.optimize, parts)
         return dataclasses.replace(self, **changes)
 
     def to_toml(self) -> str:
@@ -217,6 +255,9 @@ class Settings:
             if field.name == "cost":
                 lines.append(f'cost = "{type(value).__name__.lower()}"')
                 lines.append(f"window = {json.dumps(_window_value(value))}")
+            elif field.name == "optimize" and value is not None:
+                for name, part in {"optimize": _name_of(value), **_parts_of(value)}.items():
+                    lines.append(f"{name} = {json.dumps('none' if part is None else part)}")
             elif field.name != "preset" or value is not None:
                 lines.append(f"{field.name} = {json.dumps('none' if value is None else value)}")
         return "\n".join(lines) + "\n"
@@ -232,6 +273,11 @@ class Settings:
             field.name: (
                 {"name": type(value).__name__.lower(), "window": _window_value(value)}
                 if _is_cost(value)
+                else {
+                    "name": _name_of(value),
+                    **{OPTIMIZER_PARTS[name]: part for name, part in _parts_of(value).items()},
+                }
+                if _is_optimizer(value)
                 else value
             )
             for field in dataclasses.fields(self)
@@ -244,7 +290,7 @@ def _window_value(cost: Cost) -> Any:
     return list(cost.size) if cost.support is None else str(cost.support)
 
 
-_NAMES = (*(field.name for field in dataclasses.fields(Settings)), "window")
+_NAMES = (*(field.name for field in dataclasses.fields(Settings)), "window", *OPTIMIZER_PARTS)
 
 
 def named(preset: str) -> Settings:
@@ -272,6 +318,51 @@ def _cost_named(name: str) -> type[Cost]:
     return COSTS[name.lower()]
 
 
+def _is_optimizer(value: Any) -> bool:
+    return type(value) in OPTIMIZERS.values()
+
+
+def _name_of(solver: Optimizer) -> str:
+    return next(name for name, kind in OPTIMIZERS.items() if kind is type(solver))
+
+
+def _parts_of(solver: Optimizer) -> dict[str, Any]:
+    """A solver's parts, under the names that they have in a text."""
+    values = {field.name: getattr(solver, field.name) for field in dataclasses.fields(solver)}
+    values |= dataclasses.asdict(values.pop("smoothness"))
+    return {name: values[part] for name, part in OPTIMIZER_PARTS.items() if part in values}
+
+
+def _optimizer(chosen: Any, before: Optimizer | None, parts: Mapping[str, Any]) -> Optimizer:
+    """A solver by its name, or as it is, with other parts; by its name it keeps the smoothness set before."""
+    if chosen is None:
+        raise ValueError(
+            f"{next(iter(parts))} needs an optimizer: set optimize to one of {', '.join(OPTIMIZERS)}"
+        )
+    if isinstance(chosen, str):
+        name = chosen.lower()
+        if name not in OPTIMIZERS:
+            raise ValueError(
+                f"optimize must be one of {', '.join(OPTIMIZERS)}, or None, not {chosen!r}"
+                f"{_nearest(name, OPTIMIZERS)}"
+            )
+        kind = OPTIMIZERS[name]
+        values = {} if before is None else _parts_of(before)
+        if kind is not type(before):
+            values = {part: value for part, value in values.items() if part.startswith("smoothness")}
+    elif _is_optimizer(chosen):
+        kind, values = type(chosen), _parts_of(chosen)
+    else:
+        return cast("Optimizer", chosen)  # which is refused where all settings are
+    known = _parts_of(kind())
+    for part in parts:
+        if part not in known:
+            raise ValueError(f"optimize={_name_of(kind())} has no {part}; it has {', '.join(known)}")
+    values = {OPTIMIZER_PARTS[part]: value for part, value in {**known, **values, **parts}.items()}
+    smoothness = Smoothness(*(values.pop(part) for part in ("norm", "weight", "truncation")))
+    return kind(smoothness, **values)
+
+
 def _checked(name: str, value: Any) -> Any:
     """The value as `Settings` holds it, or an error that names the setting."""
 
@@ -287,6 +378,12 @@ def _checked(name: str, value: Any) -> Any:
             if not _is_cost(value):
                 costs = ", ".join(cost.__name__ for cost in COSTS.values())
                 raise TypeError(f"cost must be one of {costs}, not {value!r}")
+        case "optimize":
+            if isinstance(value, str):
+                return _optimizer(value, None, {})
+            if value is not None and not _is_optimizer(value):
+                kinds = ", ".join(kind.__name__ for kind in OPTIMIZERS.values())
+                raise TypeError(f"optimize must be one of {kinds}, or None, not {value!r}")
         case "channels":
             if value not in CHANNELS:
                 raise refuse(f"one of {', '.join(CHANNELS)}")
@@ -372,6 +469,8 @@ def _from_text(name: str, text: str) -> Any:
     match name:
         case "cost" | "channels" | "subpixel" | "fill" | "preset" | "window":
             return text
+        case "optimize" | "optimize_data" | "smoothness":
+            return text.lower()
         case "disparities":
             low, _, high = text.partition(":")
             try:
@@ -416,6 +515,13 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             texture=0.3,
             median=3,
             speckle=(200, 1.0),
+        ),
+        # The report's Algorithm 1: the data of its second pass are squared differences, not the correlation.
+        "paper-smoothed": Settings(
+            preset="paper-smoothed",
+            cost=ZNCC(window=30),
+            optimize=SecondPass(Smoothness("l2", 0.5), data="zssd"),
+            subpixel=None,
         ),
     }
 )

@@ -98,12 +98,17 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
   const int end = seen < W ? (seen > begin ? seen : begin) : W;
   const auto refuse = [&](int x, uint8_t flag) {
     flags[x] = flag;
-    if (!flag) return;
+    if (!flag || (out.cost && flag != kOutOfView)) return;
     disparity[x] = std::numeric_limits<float>::quiet_NaN();
     confidence[x] = 0;
   };
   for (int x = 0; x < begin; ++x) refuse(x, kOutOfView);
   for (int x = end; x < W; ++x) refuse(x, kOutOfView);
+  if (out.cost) {
+    float* cost = out.cost + static_cast<size_t>(y) * W;
+    for (int x = 0; x < W; ++x)
+      cost[x] = x >= begin && x < end ? static_cast<float>(row.cost[x]) : std::numeric_limits<float>::infinity();
+  }
   switch (settings.subpixel) {
     case Subpixel::none:
       fit<Subpixel::none>(pair, perfect, row, begin, end, disparity, confidence);

@@ -107,7 +107,8 @@ Subpixel: TypeAlias = Literal["parabola", "equiangular"]
 SUBPIXEL = ("parabola", "equiangular")
 FILLS = ("background",)
 CHANNELS = ("grey", "separate")
-KEEP = ("costs", "right_disparity", "texture", "unfiltered")
+SLANTS = ("road", "planes")
+KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes")
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,11 @@ class Settings:
     channels : {"grey", "separate"}
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
+    slant : {"road", "planes"} or None
+        Windows are also matched along the ground, or along the ground and further planes, which are fitted
+        to a first map; for each pixel the better match wins. None: fronto-parallel windows alone.
+    windows : tuple of windows
+        Further support windows beside the cost's; for each pixel the one with the least expected variance.
     subpixel : {"parabola", "equiangular"} or None
         Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and
         correlations, the equiangular (V) fit for absolute differences.
@@ -144,7 +150,10 @@ class Settings:
     threads : int
         0: all cores. Never changes a result.
     keep : tuple of str
-        Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered".
+        Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
+        "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
+        of each pixel's, 0 being fronto-parallel. With `slant` or `windows` there are no costs to keep, as
+        they belong to one plane and window.
     preset : str or None
         The preset that these settings started from.
     """
@@ -152,6 +161,8 @@ class Settings:
     disparities: Disparities | None = None
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
+    slant: Literal["road", "planes"] | None = None
+    windows: tuple[tuple[int, int], ...] = ()
     subpixel: Subpixel | None = "parabola"
     left_right: float | None = None
     uniqueness: float | None = None
@@ -166,6 +177,8 @@ class Settings:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
+        if "costs" in self.keep and (self.slant is not None or self.windows):
+            raise ValueError('keep must be without "costs" where slant or windows is set')
 
     @classmethod
     def make(
@@ -297,6 +310,15 @@ def _checked(name: str, value: Any) -> Any:
         case "channels":
             if value not in CHANNELS:
                 raise refuse(f"one of {', '.join(CHANNELS)}")
+        case "slant":
+            if value is not None and value not in SLANTS:
+                raise refuse(f"one of {', '.join(SLANTS)}, or None")
+        case "windows":
+            if isinstance(value, str | numbers.Integral):
+                value = (value,)
+            if not isinstance(value, tuple | list):
+                raise refuse("windows, each a side in pixels or WIDTHxHEIGHT")
+            return tuple(window_size(window) for window in value)
         case "subpixel":
             if value is not None and value not in SUBPIXEL:
                 raise refuse(f"one of {', '.join(SUBPIXEL)}, or None")
@@ -361,7 +383,7 @@ def _from_text(name: str, text: str) -> Any:
     if name not in _NAMES:
         raise ValueError(f"unknown setting {name!r}{_nearest(name, _NAMES)}")
     if text.lower() in ("none", "off") and name != "keep":
-        return None
+        return () if name == "windows" else None
 
     def number(part: str) -> int | float:
         try:
@@ -373,7 +395,7 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "subpixel" | "fill" | "preset" | "window":
+        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "window":
             return text
         case "disparities":
             low, _, high = text.partition(":")
@@ -381,6 +403,10 @@ def _from_text(name: str, text: str) -> Any:
                 return int(low), int(high)
             except ValueError:
                 raise ValueError(f"disparities must be MIN:MAX, such as 0:128, not {text!r}") from None
+        case "windows":
+            return tuple(
+                int(part) if part.isdigit() else part for part in text.replace(" ", "").split(",") if part
+            )
         case "keep":
             return tuple(part.strip() for part in text.split(",") if part.strip())
         case "speckle":
@@ -419,6 +445,17 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             texture=0.3,
             median=3,
             speckle=(200, 1.0),
+        ),
+        # Small windows where the surface is rich or broken, large ones elsewhere, and both along its slant.
+        "local": Settings(
+            preset="local",
+            cost=ZNCC(window=15),
+            slant="planes",
+            windows=((31, 31),),
+            left_right=1.0,
+            median=3,
+            speckle=(200, 1.0),
+            fill="background",
         ),
     }
 )

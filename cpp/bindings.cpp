@@ -244,12 +244,12 @@ NB_MODULE(_core, m) {
     run(threads, [&](const Workers& workers) { merge_pass(pass, H, W, into, workers); });
   });
 
-  m.def("merge_window", [](const HypothesisArrays& other, int kind, double samples, const HypothesisArrays& best,
+  m.def("merge_window", [](const HypothesisArrays& other, int kind, const HypothesisArrays& best,
                            const Array<float, 2>& variance, int threads) {
     const int H = variance.shape(0), W = variance.shape(1);
     const Hypothesis from = hypothesis_of(other, H, W), into = hypothesis_of(best, H, W);
     run(threads, [&](const Workers& workers) {
-      merge_window(from, static_cast<CostKind>(kind), samples, H, W, into, variance.data(), workers);
+      merge_window(from, static_cast<CostKind>(kind), H, W, into, variance.data(), workers);
     });
   });
 

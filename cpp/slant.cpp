@@ -159,14 +159,14 @@ void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best,
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = 0; x < width; ++x) {
         const size_t from = static_cast<size_t>(y) * wide + pass.margin + x, to = static_cast<size_t>(y) * width + x;
-        const double left_over = misfit(pass.kind, pass.cost[from]) * pass.handicap;
+        const float left_over = static_cast<float>(misfit(pass.kind, pass.cost[from]) * pass.handicap);
         if (!(left_over < best.misfit[to])) continue;
         // The warped column that the residual leads to says how far the warp had moved it.
         const double rest = pass.disparity[from], d = rest + pass.plane.at(x - rest, y);
         if (!(x - d >= 0 && x - d <= width - 1 && d >= pass.least && d <= pass.most)) continue;
         best.disparity[to] = static_cast<float>(d);
         best.confidence[to] = pass.confidence[from];
-        best.misfit[to] = static_cast<float>(left_over);
+        best.misfit[to] = left_over;
         best.cost[to] = pass.cost[from];
         best.flags[to] = pass.flags[from];
         best.plane[to] = pass.number;
@@ -174,7 +174,7 @@ void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best,
   });
 }
 
-void merge_window(const Hypothesis& other, CostKind kind, double samples, int height, int width, const Hypothesis& best,
+void merge_window(const Hypothesis& other, CostKind kind, int height, int width, const Hypothesis& best,
                   float* variance, const Workers& workers) {
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
     for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
@@ -182,7 +182,7 @@ void merge_window(const Hypothesis& other, CostKind kind, double samples, int he
       // Curvature of the log-likelihood at the winner, from its depth below its neighbours: both bounded away from 0.
       const double depth = std::max(static_cast<double>(other.confidence[at]), 1e-4);
       const double correlation = is_correlation(kind) ? std::max(-static_cast<double>(other.cost[at]), 0.01) : 1;
-      const float v = static_cast<float>((1 + correlation) / (2 * correlation) * (1 - depth) / depth / samples);
+      const float v = static_cast<float>((1 + correlation) / (2 * correlation) * (1 - depth) / depth);
       if (!(v < variance[at])) continue;
       variance[at] = v;
       best.disparity[at] = other.disparity[at];

@@ -90,8 +90,8 @@ struct Hypothesis {
 };
 void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best, const Workers& workers);
 // Takes over from `other`, matched with another window, where it expects the smaller variance.
-void merge_window(const Hypothesis& other, CostKind kind, double samples, int height, int width, const Hypothesis& best,
-                  float* variance, const Workers& workers);
+void merge_window(const Hypothesis& other, CostKind kind, int height, int width, const Hypothesis& best, float* variance,
+                  const Workers& workers);
 
 // ---- validate --------------------------------------------------------------------------------------------------------
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.

@@ -122,7 +122,6 @@ def merge_pass(
 def merge_window(
     other: tuple[npt.NDArray[Any], ...],
     kind: int,
-    samples: float,
     best: tuple[npt.NDArray[Any], ...],
     variance: _F32,
     threads: int,

@@ -39,7 +39,7 @@ def match(
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
     slant: str | None = UNSET,
-    windows: tuple[settings.Window, ...] = UNSET,
+    extra_windows: tuple[settings.Window, ...] = UNSET,
     subpixel: str | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
@@ -67,7 +67,7 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, slant, windows, subpixel, left_right, uniqueness, texture, median, speckle, fill
+    cost, channels, slant, extra_windows, subpixel, left_right, uniqueness, texture, median, speckle, fill
     threads, keep
         As in `Settings`.
 
@@ -106,7 +106,7 @@ def match(
             ("cost", cost),
             ("channels", channels),
             ("slant", slant),
-            ("windows", windows),
+            ("extra_windows", extra_windows),
             ("subpixel", subpixel),
             ("left_right", left_right),
             ("uniqueness", uniqueness),
@@ -136,7 +136,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     with _timed(timings, "read"):
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1])
-    merged = chosen.slant is not None or bool(chosen.windows)
+    merged = chosen.slant is not None or bool(chosen.extra_windows)
     composed = not merged and bool(COMPOSED_ONLY & set(chosen.keep))
 
     if seen is None:
@@ -165,6 +165,9 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 chosen.threads,
             )
 
+    if "planes" in chosen.keep:
+        stages.setdefault("planes", np.empty((0, 3)))
+        stages.setdefault("plane", np.zeros(disparity.shape, np.uint8))
     if chosen.texture is not None or "texture" in chosen.keep:
         with _timed(timings, "texture"):
             gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads) * np.float32(
@@ -252,7 +255,7 @@ def _merge(
     with _timed(timings, "planes"):
         planes = _planes(pixels, chosen, seen)
     with _timed(timings, "match"):
-        windows = (chosen.cost.size, *chosen.windows)
+        windows = (chosen.cost.size, *chosen.extra_windows)
         best = _along(pixels, planes, windows, chosen, seen)
     if chosen.left_right is not None or "right_disparity" in chosen.keep:
         with _timed(timings, "right"):
@@ -286,7 +289,7 @@ def _planes(pixels: cost.Pixels, chosen: Settings, seen: Disparities) -> list[sl
     )
     if chosen.slant == "planes":
         return slant.planes(first, chosen.cost.size)
-    ground = slant.road(first)
+    ground = slant.road(first, chosen.cost.size)
     return [] if ground is None else [ground]
 
 
@@ -315,7 +318,7 @@ def _along(
             )
             factor = slant.handicap(candidates.span, seen.span, window)
             slant.merge_pass(found, winners, costs, number, plane, which, factor, seen, threads)
-        slant.merge_window(best, variance, found, number, window, threads)
+        slant.merge_window(best, variance, found, number, threads)
     return best
 
 

@@ -127,7 +127,7 @@ class Settings:
     slant : {"road", "planes"} or None
         Windows are also matched along the ground, or along the ground and further planes, which are fitted
         to a first map; for each pixel the better match wins. None: fronto-parallel windows alone.
-    windows : tuple of windows
+    extra_windows : tuple of windows
         Further support windows beside the cost's; for each pixel the one with the least expected variance.
     subpixel : {"parabola", "equiangular"} or None
         Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and
@@ -152,8 +152,8 @@ class Settings:
     keep : tuple of str
         Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
         "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
-        of each pixel's, 0 being fronto-parallel. With `slant` or `windows` there are no costs to keep, as
-        they belong to one plane and window.
+        of each pixel's, 0 being fronto-parallel. With `slant` or `extra_windows` there are no costs to keep,
+        as they belong to one plane and window.
     preset : str or None
         The preset that these settings started from.
     """
@@ -162,7 +162,7 @@ class Settings:
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
     slant: Literal["road", "planes"] | None = None
-    windows: tuple[tuple[int, int], ...] = ()
+    extra_windows: tuple[tuple[int, int], ...] = ()
     subpixel: Subpixel | None = "parabola"
     left_right: float | None = None
     uniqueness: float | None = None
@@ -177,8 +177,8 @@ class Settings:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
-        if "costs" in self.keep and (self.slant is not None or self.windows):
-            raise ValueError('keep must be without "costs" where slant or windows is set')
+        if "costs" in self.keep and (self.slant is not None or self.extra_windows):
+            raise ValueError('keep must be without "costs" where slant or extra_windows is set')
 
     @classmethod
     def make(
@@ -313,7 +313,7 @@ def _checked(name: str, value: Any) -> Any:
         case "slant":
             if value is not None and value not in SLANTS:
                 raise refuse(f"one of {', '.join(SLANTS)}, or None")
-        case "windows":
+        case "extra_windows":
             if isinstance(value, str | numbers.Integral):
                 value = (value,)
             if not isinstance(value, tuple | list):
@@ -383,7 +383,7 @@ def _from_text(name: str, text: str) -> Any:
     if name not in _NAMES:
         raise ValueError(f"unknown setting {name!r}{_nearest(name, _NAMES)}")
     if text.lower() in ("none", "off") and name != "keep":
-        return () if name == "windows" else None
+        return () if name == "extra_windows" else None
 
     def number(part: str) -> int | float:
         try:
@@ -403,7 +403,7 @@ def _from_text(name: str, text: str) -> Any:
                 return int(low), int(high)
             except ValueError:
                 raise ValueError(f"disparities must be MIN:MAX, such as 0:128, not {text!r}") from None
-        case "windows":
+        case "extra_windows":
             return tuple(
                 int(part) if part.isdigit() else part for part in text.replace(" ", "").split(",") if part
             )
@@ -451,7 +451,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             preset="local",
             cost=ZNCC(window=15),
             slant="planes",
-            windows=((31, 31),),
+            extra_windows=((31, 31),),
             left_right=1.0,
             median=3,
             speckle=(200, 1.0),

@@ -52,7 +52,7 @@ LEVEL = Plane(0.0, 0.0, 0.0)
 """No warp: fronto-parallel windows, as matching without slant has them."""
 
 
-def road(disparity: DisparityMap) -> Plane | None:
+def road(disparity: DisparityMap, window: tuple[int, int]) -> Plane | None:
     """Fit the ground to a first disparity map, of which only reliable pixels have a value.
 
     Random sample consensus [1]_ over the lower six tenths of the map: of 512 planes through three points, the
@@ -64,12 +64,16 @@ def road(disparity: DisparityMap) -> Plane | None:
     ----------
     disparity : ndarray of float32, (H, W)
         NaN where not reliable.
+    window : (width, height)
+        The support window, in pixels.
 
     Returns
     -------
     Plane or None
-        None where no plane that comes nearer downwards, by 0.02 to 2 pixels a row and by at most 0.2 a column
-        to either side, holds a tenth of the reliable pixels there and a fiftieth of all.
+        None where no plane that comes nearer downwards, by up to 2 pixels a row, and by at most 0.2 a column
+        to either side, holds enough of these pixels: a fiftieth of all, reliable or not, and of the reliable
+        ones three times as many as random disparities would give it, or half. And where it changes by less
+        than half a pixel across the window: fronto-parallel windows serve it as well.
 
     References
     ----------
@@ -78,15 +82,13 @@ def road(disparity: DisparityMap) -> Plane | None:
     """
     step = _step(disparity)
     ground = _road(disparity[::step, ::step], step)
-    return None if ground is None else _scaled(ground, step)
+    return None if ground is None or _level(ground, window, step) else _scaled(ground, step)
 
 
 def planes(disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PLANES) -> list[Plane]:
     """Fit the ground and further planes, such as walls and verges, each to the pixels that the others leave.
 
-    The ground as `road` finds it; then random samples of three neighbouring points, anywhere in the map. A
-    plane that changes by less than half a pixel across the window is left out: fronto-parallel windows serve
-    it as well.
+    The ground as `road` finds it; then random samples of three neighbouring points, anywhere in the map.
 
     Parameters
     ----------
@@ -100,22 +102,21 @@ def planes(disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PL
     Returns
     -------
     list of Plane
-        Those that hold at least a fiftieth of all pixels, the ground first where there is one.
+        Those that hold enough pixels and are slanted enough, as for `road`; the ground first, if any.
     """
     step = _step(disparity)
     rest = disparity[::step, ::step].copy()
-    found = []
-    ground = _road(rest, step)
-    if ground is not None:
-        found.append(ground)
-        rest[_on(ground, rest)] = np.nan
-    for _ in range(2 * most):
-        if len(found) >= most:
-            break
-        plane, inliers = _search(rest, 0, max(1, NEIGHBOURS // step), (0.5 * step, -1.0 * step, 2.0 * step))
-        if inliers < max(0.02 * rest.size, 3):
-            break
-        if abs(plane.a) * window[0] + abs(plane.b) * window[1] >= 0.5 * step:
+    found: list[Plane] = []
+    for trial in range(2 * most):
+        if trial == 0:
+            plane = _road(rest, step)
+            if plane is None:
+                continue
+        else:
+            plane = _search(rest, 0, max(1, NEIGHBOURS // step), (0.5 * step, -step, 2.0 * step))
+            if plane is None or len(found) >= most:
+                break
+        if not _level(plane, window, step):
             found.append(plane)
         rest[_on(plane, rest)] = np.nan
     return [_scaled(plane, step) for plane in found]
@@ -131,22 +132,29 @@ def _scaled(plane: Plane, step: int) -> Plane:
     return Plane(plane.a / step, plane.b / step, plane.c)
 
 
+def _level(plane: Plane, window: tuple[int, int], step: int) -> bool:
+    return abs(plane.a) * window[0] + abs(plane.b) * window[1] < 0.5 * step
+
+
 def _road(thinned: DisparityMap, step: int) -> Plane | None:
     top = int(0.4 * thinned.shape[0])
-    lower = thinned[top:]
-    plane, inliers = _search(thinned, top, 0, (0.2 * step, 0.02 * step, 2.0 * step))
-    enough = max(0.1 * np.count_nonzero(np.isfinite(lower)), 0.02 * lower.size, 3)
-    return plane if inliers >= enough else None
+    return _search(thinned, top, 0, (0.2 * step, 0.0, 2.0 * step))
 
 
 def _search(
     disparity: DisparityMap, top: int, radius: int, slopes: tuple[float, float, float]
-) -> tuple[Plane, int]:
-    """The best plane and how many pixels are on it; 0 where there is none."""
+) -> Plane | None:
+    """The plane from row `top` on that most pixels are on, if they are enough."""
     found = np.zeros(3)
-    points = np.ascontiguousarray(disparity)
-    inliers = _core.find_plane(points, top, radius, *slopes, TOLERANCE, 512, 4096, found)
-    return Plane(*found.tolist()), inliers
+    searched = np.ascontiguousarray(disparity)
+    inliers = _core.find_plane(searched, top, radius, *slopes, TOLERANCE, 512, 4096, found)
+    if inliers < 3:
+        return None
+    reliable = searched[top:][np.isfinite(searched[top:])]
+    low, high = np.quantile(reliable, (0.05, 0.95))
+    by_chance = reliable.size * min(1.0, 2 * TOLERANCE / max(float(high - low), TOLERANCE))
+    enough = max(0.02 * searched[top:].size, min(3 * by_chance, 0.5 * reliable.size))
+    return Plane(*found.tolist()) if inliers >= enough else None
 
 
 def _on(plane: Plane, disparity: DisparityMap) -> npt.NDArray[np.bool_]:
@@ -305,30 +313,27 @@ def merge_window(
     variance: npt.NDArray[np.float32],
     other: Hypothesis,
     kind: int,
-    window: tuple[int, int],
     threads: int = 0,
 ) -> None:
     r"""Take another window's answers over into `best`, in place, where they promise the smaller variance.
 
     The variance of a disparity is the inverse of the log-likelihood's curvature at its maximum [1]_. With the
-    winner's confidence :math:`\gamma`, its depth below its neighbours as a fraction, and :math:`n` samples,
+    winner's confidence :math:`\gamma`, its depth below its neighbours as a fraction, it is, for each sample,
 
-    .. math:: \sigma^2 = \frac{1 + \rho}{2 \rho} \, \frac{1 - \gamma}{\gamma} \, \frac1n,
+    .. math:: \sigma^2 = \frac{1 + \rho}{2 \rho} \, \frac{1 - \gamma}{\gamma},
 
-    the first factor for correlations alone. Over a window that the plane does not fit, :math:`\gamma` is
-    small, and over one with little texture too: the window grows where it may and has to. :math:`n` is taken
-    to grow with the window's side, not its area, as neighbouring pixels err alike.
+    the first factor for correlations alone. Over a window that no plane fits :math:`\gamma` is small, and so
+    it is over one with little texture: the window grows where it may and has to. That a larger one holds more
+    samples is left out: what a plane leaves unexplained is not noise, and does not average out.
 
     Parameters
     ----------
     best : Hypothesis
     variance : ndarray of float32, (H, W)
-        Of `best`; infinity before the first window. Changed with it.
+        Of `best`; infinity before the first window. Changed with it; of equal ones the earlier stays.
     other : Hypothesis
     kind : int
         The cost's number in the core's order.
-    window : (width, height)
-        That `other` was matched with.
     threads : int
 
     References
@@ -336,5 +341,4 @@ def merge_window(
     .. [1] T. Kanade, M. Okutomi, A stereo matching algorithm with an adaptive window: theory and experiment,
        IEEE TPAMI 16(9), 1994, doi:10.1109/34.310690.
     """
-    samples = (window[0] * window[1]) ** 0.5
-    _core.merge_window(tuple(other), kind, samples, tuple(best), variance, threads)
+    _core.merge_window(tuple(other), kind, tuple(best), variance, threads)

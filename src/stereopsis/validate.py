@@ -103,7 +103,8 @@ def left_right_maps(
     answered = np.isfinite(left)
     there = np.rint(columns - np.where(answered, left, 0)).astype(np.int64)
     answer = np.take_along_axis(right, np.clip(there, 0, width - 1), axis=1)
-    failed = answered & ~(np.abs(answer - left) <= tolerance)
+    inside = (there >= 0) & (there < width)
+    failed = answered & ~(inside & (np.abs(answer - left) <= tolerance))
 
     # Right pixel u claims the left pixels from u + d - tolerance to u + d + tolerance, the range permitting.
     low, high = columns + disparities.min, columns + disparities.max - 1

@@ -8,7 +8,7 @@ from hypothesis import strategies as some
 
 import stereopsis as st
 from reference import slant as reference
-from stereopsis import Disparities, Flag, Settings, _core, cost, datasets, slant, validate
+from stereopsis import Disparities, Flag, Settings, _core, _fused, cost, datasets, slant, validate
 from stereopsis.slant import LEVEL, Hypothesis, Plane
 
 N = np.nan
@@ -272,6 +272,37 @@ def test_left_right_of_any_maps(shape, low, span, tolerance, seed):
         validate.left_right_maps(left, right, disparities, tolerance),
         reference.left_right_maps(left, right, disparities, tolerance),
     )
+
+
+@given(
+    shape=some.tuples(some.integers(1, 5), some.integers(1, 30)),
+    kind=some.sampled_from(KINDS),
+    low=some.integers(-40, 9),
+    span=some.integers(1, 40),
+    dtype=some.sampled_from([np.uint8, np.uint16]),
+    seed=SEEDS,
+)
+@settings(max_examples=60, deadline=None)
+def test_streaming_hands_out_its_winners_and_their_costs(shape, kind, low, span, dtype, seed):
+    left, right = noise(shape, seed, dtype), noise(shape, seed + 1, dtype)
+    low = max(low, 1 - shape[1])
+    disparities = Disparities(low, max(low + 1, min(low + span, shape[1])))
+    if disparities.min >= shape[1]:
+        return
+    pixels = cost.pixels(left, right)
+    costs = np.empty(shape, np.float32)
+    given = (kind, pixels, disparities, (5, 3), "parabola")
+    disparity, _, flags = _fused.match(*given, 1.0, 5.0, 1, costs)
+    volume = st.match(
+        left, right, disparities=disparities, cost=getattr(st, kind.upper())((5, 3)), keep="costs"
+    )
+    least = volume.stages["costs"].min(axis=2).astype(np.float32)
+    seen = np.isfinite(volume.disparity)
+    np.testing.assert_array_equal(np.isfinite(costs), seen)
+    np.testing.assert_array_equal(costs[seen], least[seen])
+    np.testing.assert_array_equal(disparity, volume.disparity)
+    # The flags are those that the checks set, though nothing was refused.
+    np.testing.assert_array_equal(flags, _fused.match(*given, 1.0, 5.0, 1)[2])
 
 
 # ---- the whole -----------------------------------------------------------------------------------

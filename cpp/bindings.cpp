@@ -3,11 +3,13 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "dispatch.hpp"
@@ -66,7 +68,7 @@ template <class T>
 void match_pair(const Array<const T, 3>& left, const Array<const T, 3>& right, int first, int count, int cost, int window_width,
                 int window_height, int subpixel, std::optional<double> left_right, std::optional<double> uniqueness,
                 const Array<float, 2>& disparity, const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags,
-                int threads, const std::string& instructions) {
+                const std::optional<Array<float, 2>>& winning_cost, int threads, const std::string& instructions) {
   const Pair pair = pair_of(left, right, first, count);
   const FusedSettings settings{static_cast<CostKind>(cost),
                                window_of(window_width, window_height),
@@ -82,7 +84,8 @@ void match_pair(const Array<const T, 3>& left, const Array<const T, 3>& right, i
   require_shape(confidence, pair.height, pair.width);
   require_shape(flags, pair.height, pair.width);
   const FusedKernel& kernel = choose_kernel(instructions);
-  const FusedOutput out{disparity.data(), confidence.data(), flags.data()};
+  if (winning_cost) require_shape(*winning_cost, pair.height, pair.width);
+  const FusedOutput out{disparity.data(), confidence.data(), flags.data(), winning_cost ? winning_cost->data() : nullptr};
   run(threads, [&](const Workers& workers) { match(pair, settings, narrow, kernel, out, workers); });
 }
 
@@ -270,6 +273,34 @@ void bind_optimize(nb::module_& m) {
   });
 }
 
+// Disparity, confidence, cost, misfit; flags, plane.
+using HypothesisArrays = std::tuple<Array<float, 2>, Array<float, 2>, Array<float, 2>, Array<float, 2>, Array<uint8_t, 2>,
+                                    Array<uint8_t, 2>>;
+
+Hypothesis hypothesis_of(const HypothesisArrays& arrays, int height, int width) {
+  std::apply([&](const auto&... array) { (require_shape(array, height, width), ...); }, arrays);
+  const auto& [disparity, confidence, cost, misfit, flags, plane] = arrays;
+  return {disparity.data(), confidence.data(), cost.data(), misfit.data(), flags.data(), plane.data()};
+}
+
+Plane plane_of(const std::tuple<double, double, double>& plane) {
+  return {std::get<0>(plane), std::get<1>(plane), std::get<2>(plane)};
+}
+
+template <class T>
+void bind_warp(nb::module_& m) {
+  m.def("warp", [](const Array<const T, 3>& image, std::tuple<double, double, double> plane, T lowest, T highest,
+                   const Array<T, 3>& warped, int threads) {
+    const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
+    const int margin = (static_cast<int>(warped.shape(1)) - W) / 2;
+    require(margin >= 0, "the warped image is at least as wide as the image");
+    require_shape(warped, H, W + 2 * margin, C);
+    run(threads, [&](const Workers& workers) {
+      warp<T>(image.data(), H, W, C, plane_of(plane), margin, lowest, highest, warped.data(), workers);
+    });
+  });
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -351,6 +382,50 @@ NB_MODULE(_core, m) {
     const Smoothness smoothness = smoothness_of(power, weight, truncation);
     run(threads, [&](const Workers& workers) {
       belief_propagation(grid, smoothness, iterations, levels, labels.data(), workers);
+    });
+  });
+
+  m.def("find_plane", [](const Array<const float, 2>& disparity, int top, int radius, double most_a, double least_b,
+                         double most_b, double tolerance, int trials, int sample, const Array<double, 1>& found) {
+    require_shape(found, 3);
+    require(top >= 0 && radius >= 0 && trials > 0 && sample > 0, "a search needs trials and a sample");
+    Plane plane{0, 0, 0};
+    int inliers = 0;
+    run(1, [&](const Workers& workers) {
+      const PlaneSearch search{top, radius, most_a, least_b, most_b, tolerance, trials, sample};
+      inliers = find_plane(disparity.data(), static_cast<int>(disparity.shape(0)), static_cast<int>(disparity.shape(1)),
+                           search, &plane, workers);
+    });
+    found(0) = plane.a;
+    found(1) = plane.b;
+    found(2) = plane.c;
+    return inliers;
+  });
+
+  bind_warp<uint8_t>(m);
+  bind_warp<int32_t>(m);
+
+  m.def("merge_pass", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
+                         const Array<const float, 2>& cost, const Array<const uint8_t, 2>& flags, int kind,
+                         std::tuple<double, double, double> plane, double handicap, double least, double most, int number,
+                         const HypothesisArrays& best, int threads) {
+    const int H = std::get<0>(best).shape(0), W = std::get<0>(best).shape(1);
+    const int margin = (static_cast<int>(disparity.shape(1)) - W) / 2;
+    require(margin >= 0, "a pass is at least as wide as the image");
+    for (const auto* array : {&disparity, &confidence, &cost}) require_shape(*array, H, W + 2 * margin);
+    require_shape(flags, H, W + 2 * margin);
+    const Pass pass{disparity.data(), confidence.data(), cost.data(), flags.data(), static_cast<CostKind>(kind), margin,
+                    plane_of(plane), handicap, least, most, static_cast<uint8_t>(number)};
+    const Hypothesis into = hypothesis_of(best, H, W);
+    run(threads, [&](const Workers& workers) { merge_pass(pass, H, W, into, workers); });
+  });
+
+  m.def("merge_window", [](const HypothesisArrays& other, int kind, const HypothesisArrays& best,
+                           const Array<float, 2>& variance, int threads) {
+    const int H = variance.shape(0), W = variance.shape(1);
+    const Hypothesis from = hypothesis_of(other, H, W), into = hypothesis_of(best, H, W);
+    run(threads, [&](const Workers& workers) {
+      merge_window(from, static_cast<CostKind>(kind), H, W, into, variance.data(), workers);
     });
   });
 

@@ -43,6 +43,8 @@ struct FusedOutput {
   float* disparity;
   float* confidence;
   uint8_t* flags;
+  // The winner's, infinite where none is in view. Who asks for it gets every winner as it was found, beside its flags.
+  float* cost = nullptr;
 };
 
 // The widest sums that the 32-bit kernels form, over window and channels: squared differences of 8-bit pixels,

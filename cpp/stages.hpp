@@ -111,6 +111,45 @@ void select_right(const T* volume, int height, const Lattice& lattice, int count
 void match(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedKernel& kernel, const FusedOutput& out,
            const Workers& workers);
 
+// ---- slant: planes in disparity, and the passes that are matched along them -----------------------------------------
+struct Plane {
+  double a, b, c;
+  double at(double x, double y) const { return a * x + (b * y + c); }
+};
+struct PlaneSearch {
+  int top;     // the first row that counts
+  int radius;  // how far the three points of a trial may lie apart in x and y; 0: anywhere
+  double most_a, least_b, most_b;
+  double tolerance;  // pixels of disparity
+  int trials, sample;
+};
+// The plane that most pixels of a map lie on (RANSAC, then least squares), and how many; 0 where there is none.
+int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const Workers& workers);
+// The right image at (x - plane(x, y), y) for x from -margin to width + margin - 1, by cubic convolution.
+template <class T>
+void warp(const T* image, int height, int width, int channels, const Plane& plane, int margin, T lowest, T highest, T* warped,
+          const Workers& workers);
+// What matching along one plane gave, every array `margin` columns wider on either side than the image.
+struct Pass {
+  const float *disparity, *confidence, *cost;
+  const uint8_t* flags;
+  CostKind kind;
+  int margin;
+  Plane plane;
+  double handicap;     // factor on what the pass leaves unexplained
+  double least, most;  // disparities that may be answered
+  uint8_t number;
+};
+// The best so far, (H, W) each.
+struct Hypothesis {
+  float *disparity, *confidence, *cost, *misfit;
+  uint8_t *flags, *plane;
+};
+void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best, const Workers& workers);
+// Takes over from `other`, matched with another window, where it expects the smaller variance.
+void merge_window(const Hypothesis& other, CostKind kind, int height, int width, const Hypothesis& best, float* variance,
+                  const Workers& workers);
+
 // ---- validate --------------------------------------------------------------------------------------------------------
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.
 void texture(const int32_t* image, int height, int width, int channels, const Window& window, float* mean,

@@ -59,11 +59,12 @@ inline void check_left_right(const int32_t* __restrict winner, const int32_t* __
   }
 }
 
-inline void refuse_flagged(const uint8_t* __restrict flags, int width, float* __restrict disparity,
+// Whoever asks for the costs too decides by himself what to refuse of what is in view.
+inline void refuse_flagged(const uint8_t* __restrict flags, uint8_t refused, int width, float* __restrict disparity,
                            float* __restrict confidence) {
   for (int x = 0; x < width; ++x) {
-    disparity[x] = flags[x] ? std::numeric_limits<float>::quiet_NaN() : disparity[x];
-    confidence[x] = flags[x] ? 0.0f : confidence[x];
+    disparity[x] = flags[x] & refused ? std::numeric_limits<float>::quiet_NaN() : disparity[x];
+    confidence[x] = flags[x] & refused ? 0.0f : confidence[x];
   }
 }
 
@@ -105,6 +106,11 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
   const int seen = pair.first + pair.count + W - 1;
   const int end = seen < W ? (seen > begin ? seen : begin) : W;
   for (int x = 0; x < W; ++x) flags[x] = x >= begin && x < end ? 0 : kOutOfView;
+  if (out.cost) {
+    float* cost = out.cost + static_cast<size_t>(y) * W;
+    for (int x = 0; x < W; ++x)
+      cost[x] = flags[x] ? std::numeric_limits<float>::infinity() : static_cast<float>(row.cost[x]);
+  }
   switch (settings.subpixel) {
     case Subpixel::none:
       fit<Subpixel::none>(pair, perfect, row, begin, end, disparity, confidence);
@@ -123,7 +129,7 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
     count_claims(pair, row.right_index, row.claims);
     check_left_right(row.winner, row.right_index, row.claims, row.claims + W + 1, W, tolerance, begin, end, flags);
   }
-  refuse_flagged(flags, W, disparity, confidence);
+  refuse_flagged(flags, out.cost ? kOutOfView : 0xFF, W, disparity, confidence);
 }
 
 }  // namespace

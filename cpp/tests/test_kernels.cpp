@@ -771,6 +771,120 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+void test_planes() {
+  Random random{21};
+  for (int round = 0; round < 40; ++round) {
+    const int H = random.between(1, 40), W = random.between(1, 50), top = random.below(3);
+    const Plane plane{random.between(-4, 4) / 16.0, random.between(1, 8) / 16.0, static_cast<double>(random.between(-9, 9))};
+    std::vector<float> disparity(static_cast<size_t>(H) * W);
+    for (int y = 0; y < H; ++y)
+      for (int x = 0; x < W; ++x)
+        disparity[y * W + x] =
+            random.below(5) ? static_cast<float>(plane.at(x, y)) : random.below(2) ? std::nanf("") : 99.0f;
+    Plane found{};
+    const PlaneSearch search{top, round % 2 ? 0 : 12, 0.5, 0, 1, 0.5, 200, round % 3 ? 50 : 5000};
+    const int inliers = find_plane(disparity.data(), H, W, search, &found, kAlone);
+    const std::string told = text(H) + "x" + text(W);
+    CHECK(inliers <= H * W, told);
+    if (H >= 20 && W >= 20)
+      CHECK(std::fabs(found.a - plane.a) < 1e-6 && std::fabs(found.b - plane.b) < 1e-6 && std::fabs(found.c - plane.c) < 1e-4,
+            told);
+  }
+}
+
+template <class T>
+void test_warp() {
+  Random random{22};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 5), W = random.between(1, 20), C = round % 2 ? 1 : 3, margin = random.below(10);
+    const int shift = random.between(-30, 30), wide = W + 2 * margin;
+    std::vector<T> image(static_cast<size_t>(H) * W * C), warped(static_cast<size_t>(H) * wide * C);
+    for (T& pixel : image) pixel = static_cast<T>(random.below(256));
+    const Workers workers{random.between(1, 4), [] { return false; }};
+    warp<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, margin, 0, 255, warped.data(), workers);
+    bool right = true;
+    for (int y = 0; y < H; ++y)
+      for (int x = 0; x < wide; ++x)
+        for (int c = 0; c < C; ++c)
+          right = right && warped[(y * wide + x) * C + c] == image[(y * W + clamp(x - margin - shift, 0, W - 1)) * C + c];
+    CHECK(right, text(H) + "x" + text(W) + " by " + text(shift));
+    // Steep planes leave the image on both sides; what they find there is the edge.
+    warp<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, margin, 0, 255, warped.data(), workers);
+    warp<T>(image.data(), H, W, C, {0.99, -1e6, 3e8}, margin, 0, 255, warped.data(), workers);
+  }
+}
+
+void test_merging() {
+  Random random{23};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 6), W = random.between(1, 30), margin = random.below(9), wide = W + 2 * margin;
+    const size_t size = static_cast<size_t>(H) * W, padded = static_cast<size_t>(H) * wide;
+    const auto numbers = [&](size_t n, float unit) {
+      std::vector<float> made(n);
+      for (float& v : made) v = static_cast<float>(random.between(-8, 8)) * unit;
+      return made;
+    };
+    const std::vector<float> disparity = numbers(padded, 0.5f), confidence = numbers(padded, 0.1f), cost = numbers(padded, 0.1f);
+    const std::vector<uint8_t> flags(padded, 4);
+    std::vector<float> best[5];
+    for (auto& array : best) array.assign(size, std::numeric_limits<float>::infinity());
+    std::vector<uint8_t> best_flags(size, 32), best_plane(size, 0);
+    const Hypothesis into{best[0].data(), best[1].data(), best[2].data(), best[3].data(), best_flags.data(), best_plane.data()};
+    const Pass pass{disparity.data(), confidence.data(), cost.data(), flags.data(), CostKind::zncc, margin,
+                    {0.25, 0.5, 0}, 0.9, -2.5, 5.5, 7};
+    const Workers workers{random.between(1, 4), [] { return false; }};
+    merge_pass(pass, H, W, into, workers);
+    bool right = true;
+    for (int y = 0; y < H; ++y)
+      for (int x = 0; x < W; ++x) {
+        const size_t from = static_cast<size_t>(y) * wide + margin + x, to = static_cast<size_t>(y) * W + x;
+        const double d = disparity[from] + 0.25 * (x - disparity[from]) + 0.5 * y;
+        const bool taken = x - d >= 0 && x - d <= W - 1 && d >= -2.5 && d <= 5.5;
+        right = right && (taken ? best[0][to] == static_cast<float>(d) && best_plane[to] == 7 && best_flags[to] == 4
+                                : best_flags[to] == 32 && best_plane[to] == 0);
+      }
+    CHECK(right, text(H) + "x" + text(W) + " margin " + text(margin));
+    std::vector<float> chosen(size, -1), other[3];
+    for (auto& array : other) array.assign(size, -1);
+    std::vector<uint8_t> chosen_flags(size, 255), chosen_plane(size, 255);
+    merge_window(into, CostKind::zncc, H, W,
+                 {chosen.data(), other[0].data(), other[1].data(), other[2].data(), chosen_flags.data(), chosen_plane.data()},
+                 best[4].data(), workers);
+    for (size_t at = 0; at < size; ++at)
+      right = right && (best_flags[at] == 4 ? chosen[at] == best[0][at] && std::isfinite(best[4][at]) : chosen[at] == -1);
+    CHECK(right, text(H) + "x" + text(W));
+  }
+}
+
+// Who asks for the cost gets every winner as it was found, beside the flags that the checks would have set.
+void test_winning_costs() {
+  Random random{24};
+  for (int round = 0; round < 24; ++round) {
+    const Problem p = problem(random, Pixels::bytes, random.between(1, 9), random.between(1, 40), 1, random.between(-9, 9),
+                              random.between(1, 30), {random.between(1, 9), random.between(1, 9)});
+    for (const CostKind kind : kCosts)
+      for (const FusedKernel* kernel : available_kernels()) {
+        const bool narrow = p.fits() && kind != CostKind::zsad;
+        const FusedSettings checked{kind, p.window, Subpixel::parabola, true, 1, true, 1.05};
+        const FusedSettings plain{kind, p.window, Subpixel::parabola, false, 0, false, 1};
+        const size_t size = static_cast<size_t>(p.height) * p.width;
+        Answer with(size), without(size), refused(size);
+        std::vector<float> cost(size, -9);
+        FusedOutput out = with.out();
+        out.cost = cost.data();
+        match(narrow ? p.narrow() : p.wide(), checked, narrow, *kernel, out, kAlone);
+        match(narrow ? p.narrow() : p.wide(), plain, narrow, *kernel, without.out(), kAlone);
+        match(narrow ? p.narrow() : p.wide(), checked, narrow, *kernel, refused.out(), kAlone);
+        bool right = with.flags == refused.flags;
+        for (size_t at = 0; at < size; ++at) {
+          const bool seen = !(without.flags[at] & 32);
+          right = right && std::isinf(cost[at]) == !seen && (!seen || with.disparity[at] == without.disparity[at]);
+        }
+        CHECK(right, p.told() + " " + name(kind) + " " + kernel->name);
+      }
+  }
+}
+
 void test_interruption() {
   Random random{12};
   const Problem p = problem(random, Pixels::bytes, 200, 700, 3, 0, 400, {61, 61});
@@ -1027,6 +1141,11 @@ int main() {
   timed("small problems", test_small_problems);
   timed("sizes around those of vectors", test_sizes_around_those_of_vectors);
   timed("threads", test_threads_do_not_matter);
+  timed("planes", test_planes);
+  timed("warp, bytes", test_warp<uint8_t>);
+  timed("warp, words", test_warp<int32_t>);
+  timed("merging", test_merging);
+  timed("winning costs", test_winning_costs);
   timed("interruption", test_interruption);
   timed("bounds of sums", test_bounds_of_sums);
   std::printf("%d passed, %d failed\n", passed, failed);

@@ -32,6 +32,7 @@ def match_narrow(
     disparity: _F32,
     confidence: _F32,
     flags: _U8,
+    winning_cost: _F32 | None,
     threads: int,
     instructions: str,
     /,
@@ -50,6 +51,7 @@ def match_wide(
     disparity: _F32,
     confidence: _F32,
     flags: _U8,
+    winning_cost: _F32 | None,
     threads: int,
     instructions: str,
     /,
@@ -169,6 +171,50 @@ def belief_propagation(
     iterations: int,
     levels: int,
     labels: _I32,
+    threads: int,
+    /,
+) -> None: ...
+def find_plane(
+    disparity: _F32,
+    top: int,
+    radius: int,
+    most_a: float,
+    least_b: float,
+    most_b: float,
+    tolerance: float,
+    trials: int,
+    sample: int,
+    found: npt.NDArray[np.float64],
+    /,
+) -> int: ...
+@overload
+def warp(
+    image: _U8, plane: tuple[float, ...], lowest: int, highest: int, warped: _U8, threads: int, /
+) -> None: ...
+@overload
+def warp(
+    image: _I32, plane: tuple[float, ...], lowest: int, highest: int, warped: _I32, threads: int, /
+) -> None: ...
+def merge_pass(
+    disparity: _F32,
+    confidence: _F32,
+    cost: _F32,
+    flags: _U8,
+    kind: int,
+    plane: tuple[float, ...],
+    handicap: float,
+    least: float,
+    most: float,
+    number: int,
+    best: tuple[npt.NDArray[Any], ...],
+    threads: int,
+    /,
+) -> None: ...
+def merge_window(
+    other: tuple[npt.NDArray[Any], ...],
+    kind: int,
+    best: tuple[npt.NDArray[Any], ...],
+    variance: _F32,
     threads: int,
     /,
 ) -> None: ...

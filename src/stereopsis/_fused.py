@@ -41,8 +41,12 @@ def match(
     left_right: float | None,
     uniqueness: float | None,
     threads: int,
+    cost: npt.NDArray[np.float32] | None = None,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    """Disparity, confidence and flags, (H, W) each. Some candidate of the range has to be in view."""
+    """Disparity, confidence and flags, (H, W) each. Some candidate of the range has to be in view.
+
+    Where an array is given for it, `cost` receives the winner's; infinity where no candidate is in view.
+    """
     shape: tuple[int, ...] = pair.left.shape[:2]
     disparity, confidence = np.empty(shape, np.float32), np.empty(shape, np.float32)
     flags = np.empty(shape, np.uint8)
@@ -65,6 +69,7 @@ def match(
         disparity,
         confidence,
         flags,
+        cost,
         threads,
         os.environ.get(ENVIRONMENT, ""),
     )

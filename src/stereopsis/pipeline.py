@@ -13,7 +13,7 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, aggregate, cost, fill, optimize, refine, select, settings, validate, weigh
+from stereopsis import _fused, aggregate, cost, fill, optimize, refine, select, settings, slant, validate, weigh
 from stereopsis.settings import Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling
@@ -40,6 +40,8 @@ def match(
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
     optimize: optimize.Optimizer | str | None = UNSET,
+    slant: str | None = UNSET,
+    extra_windows: tuple[settings.Window, ...] = UNSET,
     subpixel: str | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
@@ -69,9 +71,9 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, optimize, subpixel, left_right, uniqueness, texture, median, speckle, fill
+    cost, channels, slant, extra_windows, optimize, subpixel, left_right, uniqueness, texture, median
         As in `Settings`.
-    step, disparity_step, threads, keep
+    speckle, fill, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -109,6 +111,8 @@ def match(
             ("cost", cost),
             ("channels", channels),
             ("optimize", optimize),
+            ("slant", slant),
+            ("extra_windows", extra_windows),
             ("subpixel", subpixel),
             ("left_right", left_right),
             ("uniqueness", uniqueness),
@@ -140,7 +144,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     with _timed(timings, "read"):
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
-    composed = not _streams(chosen)
+    merged = chosen.slant is not None or bool(chosen.extra_windows)
+    composed = not merged and not _streams(chosen)
 
     if seen is None:
         disparity, confidence, flags = _nothing_in_view(pair.left.shape[:2])
@@ -153,6 +158,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             stages["right_disparity"] = disparity.copy()
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
+    elif merged:
+        disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages)
     else:
         with _timed(timings, "match"):
             disparity, confidence, flags = _fused.match(
@@ -166,6 +173,9 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 chosen.threads,
             )
 
+    if "planes" in chosen.keep:
+        stages.setdefault("planes", np.empty((0, 3)))
+        stages.setdefault("plane", np.zeros(disparity.shape, np.uint8))
     if chosen.texture is not None or "texture" in chosen.keep:
         with _timed(timings, "texture"):
             gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads) * np.float32(
@@ -189,7 +199,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             disparity = fill.background(disparity)
             flags[holes & np.isfinite(disparity)] |= np.uint8(Flag.FILLED)
 
-    path = "composed" if composed else "streaming"
+    path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
 
 
@@ -322,6 +332,85 @@ def _nearest(side: int, step: int) -> npt.NDArray[np.int64]:
 def _unit(kind: str, step: float) -> float:
     """What one unit of a cost is worth in the image's own grey levels, or their squares."""
     return {"sad": step, "zsad": step, "ssd": step * step, "zssd": step * step}.get(kind, 1.0)
+
+
+def _merge(
+    pixels: cost.Pixels,
+    chosen: Settings,
+    seen: Disparities,
+    timings: dict[str, float],
+    stages: dict[str, npt.NDArray[Any]],
+) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Along several planes and with several windows: for each pixel the best of what streaming gave."""
+    width = pixels.left.shape[1]
+    with _timed(timings, "planes"):
+        planes = _planes(pixels, chosen, seen)
+    with _timed(timings, "match"):
+        windows = (chosen.cost.size, *chosen.extra_windows)
+        best = _along(pixels, planes, windows, chosen, seen)
+    if chosen.left_right is not None or "right_disparity" in chosen.keep:
+        with _timed(timings, "right"):
+            # Mirrored, the right image is a left one, and all disparities keep their sign.
+            left, right = (np.ascontiguousarray(image[:, ::-1]) for image in pixels[:2])
+            swapped = cost.Pixels(right, left, pixels.step)
+            mirrored = [plane.mirrored(width) for plane in planes]
+            other = _along(swapped, mirrored, windows[:1], chosen.changed(uniqueness=None), seen)
+            right_disparity = np.ascontiguousarray(other.disparity[:, ::-1])
+    disparity, confidence, flags = best.disparity, best.confidence, best.flags
+    _refuse(flags != 0, Flag(0), disparity, confidence, flags)
+    if chosen.left_right is not None:
+        with _timed(timings, "validate"):
+            failed = validate.left_right_maps(disparity, right_disparity, seen, chosen.left_right)
+            for flag in (Flag.OCCLUDED, Flag.MISMATCHED):
+                _refuse(failed == flag, flag, disparity, confidence, flags)
+    if "right_disparity" in chosen.keep:
+        stages["right_disparity"] = right_disparity
+    if "planes" in chosen.keep:
+        stages["planes"] = np.array(planes, np.float64).reshape(-1, 3)
+        stages["plane"] = best.plane
+    return disparity, confidence, flags
+
+
+def _planes(pixels: cost.Pixels, chosen: Settings, seen: Disparities) -> list[slant.Plane]:
+    """Planes of a first, fronto-parallel map, of which only what passes two checks counts."""
+    if chosen.slant is None:
+        return []
+    first, _, _ = _fused.match(
+        _kind(chosen), pixels, seen, slant.FIRST_WINDOW, chosen.subpixel, 1.0, 5.0, chosen.threads
+    )
+    if chosen.slant == "planes":
+        return slant.planes(first, chosen.cost.size)
+    ground = slant.road(first, chosen.cost.size)
+    return [] if ground is None else [ground]
+
+
+def _along(
+    pixels: cost.Pixels,
+    planes: list[slant.Plane],
+    windows: tuple[tuple[int, int], ...],
+    chosen: Settings,
+    seen: Disparities,
+) -> slant.Hypothesis:
+    """The best of all planes and windows; fronto-parallel windows are one of the planes."""
+    kind, threads = _kind(chosen), chosen.threads
+    number = cost.KINDS.index(kind)
+    shape: tuple[int, int] = pixels.left.shape[:2]
+    passes = [(slant.LEVEL, pixels, seen)]
+    for plane in planes:
+        views = slant.warped(pixels.left, pixels.right, plane, slant.MARGIN, threads)
+        passes.append((plane, cost.Pixels(*views, pixels.step), slant.NEAR))
+    best, variance = slant.Hypothesis.nothing(shape), np.full(shape, np.inf, np.float32)
+    for window in windows:
+        found = slant.Hypothesis.nothing(shape)
+        for which, (plane, view, candidates) in enumerate(passes):
+            costs = np.empty(view.left.shape[:2], np.float32)
+            winners = _fused.match(
+                kind, view, candidates, window, chosen.subpixel, None, chosen.uniqueness, threads, costs
+            )
+            factor = slant.handicap(candidates.span, seen.span, window)
+            slant.merge_pass(found, winners, costs, number, plane, which, factor, seen, threads)
+        slant.merge_window(best, variance, found, number, threads)
+    return best
 
 
 def _presented(

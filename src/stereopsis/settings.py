@@ -119,7 +119,8 @@ SUBPIXEL = ("parabola", "equiangular")
 FILLS = ("background",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
-KEEP = ("costs", "right_disparity", "texture", "unfiltered")
+SLANTS = ("road", "planes")
+KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes")
 
 
 @dataclass(frozen=True)
@@ -137,6 +138,11 @@ class Settings:
         them, each with its own mean.
     optimize : SecondPass, ICM, BeliefPropagation, TRWS, Expansion, Swap or None
         How neighbours' labels are made to agree, with its smoothness. None: the plain winners.
+    slant : {"road", "planes"} or None
+        Windows are also matched along the ground, or along the ground and further planes, which are fitted
+        to a first map; for each pixel the better match wins. None: fronto-parallel windows alone.
+    extra_windows : tuple of windows
+        Further support windows beside the cost's; for each pixel the one with the least expected variance.
     subpixel : {"parabola", "equiangular"} or None
         Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and
         correlations, the equiangular (V) fit for absolute differences.
@@ -163,7 +169,10 @@ class Settings:
     threads : int
         0: all cores. Never changes a result.
     keep : tuple of str
-        Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered".
+        Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
+        "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
+        of each pixel's, 0 being fronto-parallel. With `slant` or `extra_windows` there are no costs to keep,
+        as they belong to one plane and window.
     preset : str or None
         The preset that these settings started from.
     """
@@ -172,6 +181,8 @@ class Settings:
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
     optimize: Optimizer | None = None
+    slant: Literal["road", "planes"] | None = None
+    extra_windows: tuple[tuple[int, int], ...] = ()
     subpixel: Subpixel | None = "parabola"
     left_right: float | None = None
     uniqueness: float | None = None
@@ -188,6 +199,17 @@ class Settings:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
+        sampled = self.step > 1 or self.disparity_step > 1
+        if self.slant is not None or self.extra_windows:
+            if "costs" in self.keep:
+                raise ValueError('keep must be without "costs" where slant or extra_windows is set')
+            if self.cost.support is not None or self.optimize is not None or sampled:
+                raise ValueError(
+                    "slant and extra_windows go with box windows alone: not with a support as window, "
+                    "optimize, step or disparity_step"
+                )
+        if self.optimize is not None and sampled:
+            raise ValueError("optimize must be None where step or disparity_step is more than 1")
 
     @classmethod
     def make(
@@ -387,6 +409,15 @@ def _checked(name: str, value: Any) -> Any:
         case "channels":
             if value not in CHANNELS:
                 raise refuse(f"one of {', '.join(CHANNELS)}")
+        case "slant":
+            if value is not None and value not in SLANTS:
+                raise refuse(f"one of {', '.join(SLANTS)}, or None")
+        case "extra_windows":
+            if isinstance(value, str | numbers.Integral):
+                value = (value,)
+            if not isinstance(value, tuple | list):
+                raise refuse("windows, each a side in pixels or WIDTHxHEIGHT")
+            return tuple(window_size(window) for window in value)
         case "subpixel":
             if value is not None and value not in SUBPIXEL:
                 raise refuse(f"one of {', '.join(SUBPIXEL)}, or None")
@@ -455,7 +486,7 @@ def _from_text(name: str, text: str) -> Any:
     if name not in _NAMES:
         raise ValueError(f"unknown setting {name!r}{_nearest(name, _NAMES)}")
     if text.lower() in ("none", "off") and name != "keep":
-        return None
+        return () if name == "extra_windows" else None
 
     def number(part: str) -> int | float:
         try:
@@ -467,7 +498,7 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "subpixel" | "fill" | "preset" | "window":
+        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "window":
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()
@@ -477,6 +508,10 @@ def _from_text(name: str, text: str) -> Any:
                 return int(low), int(high)
             except ValueError:
                 raise ValueError(f"disparities must be MIN:MAX, such as 0:128, not {text!r}") from None
+        case "extra_windows":
+            return tuple(
+                int(part) if part.isdigit() else part for part in text.replace(" ", "").split(",") if part
+            )
         case "keep":
             return tuple(part.strip() for part in text.split(",") if part.strip())
         case "speckle":
@@ -522,6 +557,17 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             cost=ZNCC(window=30),
             optimize=SecondPass(Smoothness("l2", 0.5), data="zssd"),
             subpixel=None,
+        ),
+        # Small windows where the surface is rich or broken, large ones elsewhere, and both along its slant.
+        "local": Settings(
+            preset="local",
+            cost=ZNCC(window=15),
+            slant="planes",
+            extra_windows=((31, 31),),
+            left_right=1.0,
+            median=3,
+            speckle=(200, 1.0),
+            fill="background",
         ),
     }
 )

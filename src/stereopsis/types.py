@@ -134,7 +134,8 @@ class Result:
     settings : Settings
         Everything that was used, the estimated range included: enough to repeat the result.
     path : str
-        ``"streaming"`` or ``"composed"``.
+        ``"streaming"``, ``"composed"``, or ``"merged"``: several streaming passes, along planes or with
+        several windows, of which each pixel keeps the best.
     seconds : float
         Wall time of the whole call.
     timings : mapping of str to float

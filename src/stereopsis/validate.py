@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import EVERY, DisparityMap, Flag, Sampling
+from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Sampling
 
 BoolMap = npt.NDArray[np.bool_]
 
@@ -78,6 +78,55 @@ def left_right(
     flags = np.zeros(index.shape, np.uint8)
     flags[failed & claimed] = Flag.MISMATCHED
     flags[failed & ~claimed] = Flag.OCCLUDED
+    return flags
+
+
+def left_right_maps(
+    left: DisparityMap, right: DisparityMap, disparities: Disparities, tolerance: float
+) -> npt.NDArray[np.uint8]:
+    """The same check of two maps with disparities between the candidates.
+
+    A pixel is compared with the one of the right view that lies nearest to its match.
+
+    Parameters
+    ----------
+    left, right : ndarray of float32, (H, W)
+        Disparities of both views; NaN where there is none.
+    disparities : Disparities
+        The range, of which a candidate must be to have been agreed with.
+    tolerance : float
+        Pixels.
+
+    Returns
+    -------
+    ndarray of uint8, (H, W)
+        Bits of `Flag`; 0 where the left view has no answer.
+    """
+    height, width = left.shape
+    columns = np.arange(width)
+    answered = np.isfinite(left)
+    there = np.rint(columns - np.where(answered, left, 0)).astype(np.int64)
+    answer = np.take_along_axis(right, np.clip(there, 0, width - 1), axis=1)
+    inside = (there >= 0) & (there < width)
+    failed = answered & ~(inside & (np.abs(answer - left) <= tolerance))
+
+    # Right pixel u claims the left pixels from u + d - tolerance to u + d + tolerance, the range permitting.
+    low, high = columns + disparities.min, columns + disparities.max - 1
+    claims = np.isfinite(right)
+    match = columns + np.where(claims, right, 0)
+    first = np.clip(np.maximum(np.ceil(match - tolerance), low), 0, width).astype(np.int64)
+    last = np.clip(np.minimum(np.floor(match + tolerance), high) + 1, 0, width).astype(np.int64)
+    claims &= first < last
+    rows = np.broadcast_to(np.arange(height)[:, None] * (width + 1), claims.shape)[claims]
+    size = height * (width + 1)
+    changes = np.bincount(rows + first[claims], minlength=size) - np.bincount(
+        rows + last[claims], minlength=size
+    )
+    possible = np.cumsum(changes.reshape(height, width + 1), axis=1)[:, :width] > 0
+
+    flags = np.zeros(left.shape, np.uint8)
+    flags[failed & possible] = Flag.MISMATCHED
+    flags[failed & ~possible] = Flag.OCCLUDED
     return flags
 
 

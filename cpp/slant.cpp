@@ -1,0 +1,198 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "parallel.hpp"
+#include "stages.hpp"
+
+namespace stereopsis {
+
+namespace {
+
+// A generator of its own, so that every machine draws the same samples.
+struct Draws {
+  uint64_t state;
+  int below(size_t n) {
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    return static_cast<int>((state >> 33) % n);
+  }
+};
+
+struct Point {
+  double x, y, d;
+};
+
+double distance(const Plane& p, const Point& at) { return std::fabs(p.at(at.x, at.y) - at.d); }
+
+// The plane through three points; false where they lie too close to a line for its slopes to mean anything.
+bool through(const Point& p, const Point& q, const Point& r, Plane* plane) {
+  const double ux = q.x - p.x, uy = q.y - p.y, ud = q.d - p.d, vx = r.x - p.x, vy = r.y - p.y, vd = r.d - p.d;
+  const double twice_area = ux * vy - uy * vx;
+  if (std::fabs(twice_area) < 64) return false;
+  plane->a = (ud * vy - uy * vd) / twice_area;
+  plane->b = (ux * vd - ud * vx) / twice_area;
+  plane->c = p.d - plane->a * p.x - plane->b * p.y;
+  return true;
+}
+
+// Least squares over the points within `tolerance` of the plane, about their mean, which keeps the sums small.
+void polish(const std::vector<Point>& points, double tolerance, Plane* plane) {
+  double n = 0, x = 0, y = 0, d = 0;
+  for (const Point& at : points)
+    if (distance(*plane, at) <= tolerance) {
+      n += 1;
+      x += at.x;
+      y += at.y;
+      d += at.d;
+    }
+  if (n < 3) return;
+  x /= n;
+  y /= n;
+  d /= n;
+  double xx = 0, xy = 0, yy = 0, xd = 0, yd = 0;
+  for (const Point& at : points)
+    if (distance(*plane, at) <= tolerance) {
+      const double u = at.x - x, v = at.y - y, w = at.d - d;
+      xx += u * u;
+      xy += u * v;
+      yy += v * v;
+      xd += u * w;
+      yd += v * w;
+    }
+  const double determinant = xx * yy - xy * xy;
+  if (!(determinant > 1e-9 * xx * yy)) return;
+  plane->a = (xd * yy - yd * xy) / determinant;
+  plane->b = (yd * xx - xd * xy) / determinant;
+  plane->c = d - plane->a * x - plane->b * y;
+}
+
+// What remains of the left window once the right one has explained what it can, up to a factor that all candidates share:
+// the sum of squares that a regression on the right window leaves, or the window's squared difference.
+double misfit(CostKind kind, double cost) {
+  if (is_correlation(kind)) return 1 + cost * std::fabs(cost);
+  return kind == CostKind::sad || kind == CostKind::zsad ? cost * cost : cost;
+}
+
+}  // namespace
+
+int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane,
+               const Workers& workers) {
+  int inliers = 0;
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    std::vector<Point> points;
+    for (int y = search.top; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        const float d = disparity[static_cast<size_t>(y) * width + x];
+        if (!std::isnan(d)) points.push_back({static_cast<double>(x), static_cast<double>(y), d});
+      }
+    if (points.size() < 3) return;
+    const size_t step = (points.size() + search.sample - 1) / search.sample;
+    std::vector<Point> sample;
+    for (size_t k = 0; k < points.size(); k += step) sample.push_back(points[k]);
+
+    Draws draws{1};
+    double least = std::numeric_limits<double>::infinity();
+    for (int trial = 0; trial < search.trials && !cancel.load(std::memory_order_relaxed); ++trial) {
+      const Point first = sample[draws.below(sample.size())];
+      const auto another = [&]() -> Point {
+        if (search.radius == 0) return sample[draws.below(sample.size())];
+        const int side = 2 * search.radius + 1;
+        const int x = static_cast<int>(first.x) + draws.below(side) - search.radius;
+        const int y = static_cast<int>(first.y) + draws.below(side) - search.radius;
+        const bool inside = x >= 0 && x < width && y >= search.top && y < height;
+        // A point without a disparity spoils every comparison below, and so the trial.
+        return {static_cast<double>(x), static_cast<double>(y),
+                inside ? disparity[static_cast<size_t>(y) * width + x] : std::numeric_limits<float>::quiet_NaN()};
+      };
+      const Point second = another(), third = another();
+      Plane tried;
+      if (!through(first, second, third, &tried)) continue;
+      if (!(std::fabs(tried.a) <= search.most_a && tried.b >= search.least_b && tried.b <= search.most_b)) continue;
+      double score = 0;
+      for (size_t k = 0; k < sample.size() && score < least; ++k)
+        score += std::min(distance(tried, sample[k]), search.tolerance);
+      if (score < least) {
+        least = score;
+        *plane = tried;
+      }
+    }
+    if (least == std::numeric_limits<double>::infinity()) return;
+    for (const double reach : {2.0, 1.0, 1.0}) polish(points, reach * search.tolerance, plane);
+    for (const Point& at : points) inliers += distance(*plane, at) <= search.tolerance;
+  });
+  return inliers;
+}
+
+template <class T>
+void warp(const T* image, int height, int width, int channels, const Plane& plane, int margin, T lowest, T highest, T* warped,
+          const Workers& workers) {
+  const int wide = width + 2 * margin;
+  const double range = static_cast<double>(highest) - lowest;
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const T* row = image + static_cast<size_t>(y) * width * channels;
+      T* out = warped + static_cast<size_t>(y) * wide * channels;
+      for (int x = -margin; x < width + margin; ++x, out += channels) {
+        // Beyond these bounds all four pixels are the edge's. Positive numbers are truncated, which is quicker than floor.
+        const double there = std::min(std::max(x - plane.at(x, y), -2.0), width + 1.0);
+        const int whole = static_cast<int>(there + 2) - 2;
+        const double t = there - whole;
+        const double w0 = t * (t * (2 - t) - 1) * 0.5, w1 = (t * t * (3 * t - 5) + 2) * 0.5;
+        const double w2 = t * (t * (4 - 3 * t) + 1) * 0.5, w3 = t * t * (t - 1) * 0.5;
+        const auto column = [&](int k) { return row + std::min(std::max(whole + k, 0), width - 1) * channels; };
+        const T *p0 = column(-1), *p1 = column(0), *p2 = column(1), *p3 = column(2);
+        for (int c = 0; c < channels; ++c) {
+          const double value = w0 * p0[c] + w1 * p1[c] + w2 * p2[c] + w3 * p3[c] - lowest;
+          out[c] = static_cast<T>(static_cast<int64_t>(std::min(std::max(value, 0.0), range) + 0.5) + lowest);
+        }
+      }
+    }
+  });
+}
+template void warp(const uint8_t*, int, int, int, const Plane&, int, uint8_t, uint8_t, uint8_t*, const Workers&);
+template void warp(const int32_t*, int, int, int, const Plane&, int, int32_t, int32_t, int32_t*, const Workers&);
+
+void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best, const Workers& workers) {
+  const int wide = width + 2 * pass.margin;
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
+      for (int x = 0; x < width; ++x) {
+        const size_t from = static_cast<size_t>(y) * wide + pass.margin + x, to = static_cast<size_t>(y) * width + x;
+        const float left_over = static_cast<float>(misfit(pass.kind, pass.cost[from]) * pass.handicap);
+        if (!(left_over < best.misfit[to])) continue;
+        // The warped column that the residual leads to says how far the warp had moved it.
+        const double rest = pass.disparity[from], d = rest + pass.plane.at(x - rest, y);
+        if (!(x - d >= 0 && x - d <= width - 1 && d >= pass.least && d <= pass.most)) continue;
+        best.disparity[to] = static_cast<float>(d);
+        best.confidence[to] = pass.confidence[from];
+        best.misfit[to] = left_over;
+        best.cost[to] = pass.cost[from];
+        best.flags[to] = pass.flags[from];
+        best.plane[to] = pass.number;
+      }
+  });
+}
+
+void merge_window(const Hypothesis& other, CostKind kind, int height, int width, const Hypothesis& best,
+                  float* variance, const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
+    for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
+      if (std::isinf(other.cost[at])) continue;
+      // Curvature of the log-likelihood at the winner, from its depth below its neighbours: both bounded away from 0.
+      const double depth = std::max(static_cast<double>(other.confidence[at]), 1e-4);
+      const double correlation = is_correlation(kind) ? std::max(-static_cast<double>(other.cost[at]), 0.01) : 1;
+      const float v = static_cast<float>((1 + correlation) / (2 * correlation) * (1 - depth) / depth);
+      if (!(v < variance[at])) continue;
+      variance[at] = v;
+      best.disparity[at] = other.disparity[at];
+      best.confidence[at] = other.confidence[at];
+      best.misfit[at] = other.misfit[at];
+      best.cost[at] = other.cost[at];
+      best.flags[at] = other.flags[at];
+      best.plane[at] = other.plane[at];
+    }
+  });
+}
+
+}  // namespace stereopsis

@@ -13,12 +13,14 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, validate
+from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, upsample, validate
 from stereopsis.settings import Settings
 from stereopsis.types import Disparities, DisparityMap, Flag, Image, Pair, Result
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
+FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine"})
+"""Sub-pixel methods that need the images, not the costs."""
 
 
 class _Unset:
@@ -39,6 +41,8 @@ def match(
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
     subpixel: str | None = UNSET,
+    refine_window: settings.Window | None = UNSET,
+    upsample: tuple[int, str] | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
     texture: float | None = UNSET,
@@ -65,7 +69,9 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, subpixel, left_right, uniqueness, texture, median, speckle, fill, threads, keep
+    cost, channels, subpixel, refine_window, upsample, left_right, uniqueness, texture, median, speckle, fill
+        As in `Settings`.
+    threads, keep
         As in `Settings`.
 
     Returns
@@ -103,6 +109,8 @@ def match(
             ("cost", cost),
             ("channels", channels),
             ("subpixel", subpixel),
+            ("refine_window", refine_window),
+            ("upsample", upsample),
             ("left_right", left_right),
             ("uniqueness", uniqueness),
             ("texture", texture),
@@ -144,6 +152,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             stages["right_disparity"] = disparity.copy()
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
+    elif chosen.upsample is not None:
+        disparity, confidence, flags = _match_upsampled(pixels, chosen, chosen.upsample, seen, timings)
     else:
         with _timed(timings, "match"):
             disparity, confidence, flags = _fused.match(
@@ -151,7 +161,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 pixels,
                 seen,
                 chosen.cost.size,
-                chosen.subpixel,
+                _fit(chosen.subpixel),
                 chosen.left_right,
                 chosen.uniqueness,
                 chosen.threads,
@@ -166,6 +176,9 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 _refuse(gradient < chosen.texture, Flag.LOW_TEXTURE, disparity, confidence, flags)
             if "texture" in chosen.keep:
                 stages["texture"] = gradient
+    if chosen.subpixel in FROM_IMAGES:
+        with _timed(timings, "subpixel"):
+            disparity = _refined(pixels, chosen, disparity)
     if "unfiltered" in chosen.keep:
         stages["unfiltered"] = disparity.copy()
     if chosen.median is not None:
@@ -182,6 +195,62 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
 
     path = "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
+
+
+def _fit(subpixel: str | None) -> str | None:
+    """The fit through the winner's costs: for Lucas and Kanade, what to start from."""
+    match subpixel:
+        case "lucas-kanade" | "lucas-kanade-affine":
+            return "parabola"
+        case "symmetric" | "correlation":
+            return None
+        case _:
+            return subpixel
+
+
+def _refined(pixels: cost.Pixels, chosen: Settings, start: DisparityMap) -> DisparityMap:
+    """Sub-pixel disparities from the images, around those that were found."""
+    images, threads = pixels[:2], chosen.threads
+    asked = None if chosen.refine_window is None else settings.window_size(chosen.refine_window)
+    match chosen.subpixel:
+        case "symmetric":
+            # A zero-mean cost bears an offset of brightness, so its refinement has to.
+            centred = isinstance(chosen.cost, settings.ZSAD | settings.ZSSD | settings.ZNCC)
+            return refine.symmetric(*images, np.rint(start), asked or chosen.cost.size, centred, threads)
+        case "correlation":
+            centred = isinstance(chosen.cost, settings.ZNCC)
+            return refine.correlation(*images, np.rint(start), asked or chosen.cost.size, centred, threads)
+        case "lucas-kanade":
+            return refine.lucas_kanade(*images, start, asked or (15, 5), threads)
+        case _:
+            return refine.lucas_kanade_affine(*images, start, asked or (21, 11), threads)[0]
+
+
+def _match_upsampled(
+    pixels: cost.Pixels,
+    chosen: Settings,
+    how: tuple[int, str],
+    seen: Disparities,
+    timings: dict[str, float],
+) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Match images with more columns; what their own columns are answered, in pixels."""
+    factor, interpolation = how
+    with _timed(timings, "upsample"):
+        left, right = (upsample.columns(image, factor, interpolation) for image in pixels[:2])
+    width, height = chosen.cost.size
+    with _timed(timings, "match"):
+        disparity, confidence, flags = _fused.match(
+            _kind(chosen),
+            cost.Pixels(left, right, pixels.step),
+            Disparities(factor * seen.min, factor * (seen.max - 1) + 1),
+            (factor * width, height),
+            _fit(chosen.subpixel),
+            None if chosen.left_right is None else factor * chosen.left_right,
+            None,
+            chosen.threads,
+        )
+    own = np.s_[:, ::factor]
+    return disparity[own] / np.float32(factor), confidence[own].copy(), flags[own].copy()
 
 
 def _compose(
@@ -213,7 +282,7 @@ def _compose(
     flags = np.zeros(winners.index.shape, np.uint8)
     with _timed(timings, "refine"):
         disparity = (winners.index + np.int32(seen.min)).astype(np.float32)
-        disparity += refine.subpixel(chosen.subpixel, *around)
+        disparity += refine.subpixel(_fit(chosen.subpixel), *around)
         confidence = refine.confidence(perfect, *around)
     with _timed(timings, "validate"):
         _refuse(winners.index < 0, Flag.OUT_OF_VIEW, disparity, confidence, flags)

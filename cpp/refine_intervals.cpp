@@ -131,11 +131,14 @@ void align_intervals(const AlignedPair& pair, const Window& window, int steps, c
         if (lowest > highest) continue;
         const auto least = std::min_element(costs.begin() + lowest, costs.begin() + highest + 1);
         const int best = static_cast<int>(least - costs.begin());
-        double offset = 0;
-        if (lowest < best && best < highest) {
+        // Intervals overlap over a stretch: of equal costs the middle.
+        int last = best;
+        while (last < highest && costs[last + 1] == *least) ++last;
+        double offset = 0.5 * (last - best);
+        if (last == best && lowest < best && best < highest) {
           const double before = static_cast<double>(costs[best - 1] - costs[best]);
           const double after = static_cast<double>(costs[best + 1] - costs[best]);
-          if (before + after > 0) offset = 0.5 * (before - after) / (before + after);
+          offset = 0.5 * (before - after) / (before + after);
         }
         disparity[at] = static_cast<float>((from + best + offset) / steps);
       }

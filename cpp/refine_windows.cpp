@@ -163,11 +163,13 @@ double linear_optimum(const Products& p) {
   for (const int to : {-1, 1}) {
     const double a = p.lr[kReach], b = p.lr[kReach + to];
     const double aa = p.rr[kReach][kReach], bb = p.rr[kReach + to][kReach + to], ab = p.rr[kReach][kReach + to];
+    // The correlation is stationary at one place alone; it may also rise all the way.
     const double rise = b * aa - a * ab, reach = a * (bb - ab) + b * (aa - ab);
-    if (!(rise > 0 && reach > 0)) continue;
-    const double t = std::min(rise / reach, 1.0), s = 1 - t;
-    const double found = correlation(s * a + t * b, s * s * aa + 2 * s * t * ab + t * t * bb, p.ll);
-    if (found > best) best = found, shift = to * t;
+    for (const double t : {0 < rise && rise < reach ? rise / reach : 1.0, 1.0}) {
+      const double s = 1 - t;
+      const double found = correlation(s * a + t * b, s * s * aa + 2 * s * t * ab + t * t * bb, p.ll);
+      if (found > best) best = found, shift = to * t;
+    }
   }
   return shift;
 }

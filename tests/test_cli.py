@@ -152,6 +152,8 @@ class TestMatch:
         "cost": ("ncc", {"name": "ncc", "window": [21, 21]}),
         "channels": ("separate", "separate"),
         "subpixel": ("equiangular", "equiangular"),
+        "refine_window": ("15x5", [15, 5]),
+        "upsample": ("2,linear", [2, "linear"]),
         "left_right": ("2", 2.0),
         "uniqueness": ("off", None),
         "texture": ("1.5", 1.5),

@@ -14,6 +14,7 @@ from stereopsis.io import (
     write_ply,
     write_preview,
 )
+from stereopsis.locking import PixelLocking, pixel_locking
 from stereopsis.pipeline import estimate_disparities, match
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.types import Calibration, Disparities, Flag, Pair, Result
@@ -32,6 +33,7 @@ __all__ = [
     "Disparities",
     "Flag",
     "Pair",
+    "PixelLocking",
     "Result",
     "Scores",
     "Settings",
@@ -42,6 +44,7 @@ __all__ = [
     "evaluate",
     "io",
     "match",
+    "pixel_locking",
     "points",
     "read_calibration",
     "read_disparity",

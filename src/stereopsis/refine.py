@@ -210,7 +210,8 @@ def symmetric(
     The cost of a disparity, a whole number :math:`K` of steps, sums :math:`g` between :math:`X` and
     :math:`X - K` over the samples within half a pixel of each pixel of the window. Neither image alone is
     interpolated. The least cost within a pixel of the winner is taken, and a parabola
-    through its neighbours; at either end of these candidates there is none.
+    through its neighbours; at either end of these candidates there is none. Of a stretch of equal costs the
+    middle is taken.
 
     Parameters
     ----------

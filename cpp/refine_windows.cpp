@@ -15,13 +15,15 @@ namespace {
 constexpr int kReach = 2;              // whole shifts on either side of the winner
 constexpr int kShifts = 2 * kReach + 1;
 constexpr int kLags = 4;               // a cubic mixes four neighbouring windows
+constexpr int kSides = 3;              // a slope takes the windows on both sides
 
 int clamp(int v, int low, int high) { return std::min(std::max(v, low), high); }
 
-// The inner products of one left window with the five right ones around its winner, and theirs with each other.
+// The inner products of one left window, and of its slope along the row, with the five right windows around the winner;
+// and theirs with each other.
 struct Products {
-  double ll;
-  double lr[kShifts];
+  double ll, lg, gg;
+  double lr[kShifts], gr[kShifts];
   double rr[kShifts][kShifts];  // where two are less than `kLags` apart
 };
 
@@ -29,21 +31,21 @@ struct Products {
 template <class Sum>
 class Rows {
  public:
+  // Candidates from `first` on, `count` of them, can be asked about.
   Rows(const AlignedPair& pair, const Window& window, int first, int count, bool centred)
-      : p_(pair), w_(window), first_(first), count_(count), centred_(centred), left_columns_(pair.width + window.width - 1),
-        right_columns_(left_columns_ + 2 * kReach) {
+      : p_(pair), w_(window), first_(first - 1), count_(count + 2), centred_(centred), width_(pair.width + 2),
+        left_columns_(width_ + window.width - 1), right_columns_(pair.width + 2 * kReach + window.width - 1) {
     const size_t C = pair.channels;
-    cross_.resize(static_cast<size_t>(left_columns_) * count);
+    cross_.resize(static_cast<size_t>(left_columns_) * count_);
     l_.resize(left_columns_ * C);
-    ll_.resize(left_columns_);
+    ll_.resize(static_cast<size_t>(left_columns_) * kSides);
     r_.resize(right_columns_ * C);
     rr_.resize(static_cast<size_t>(right_columns_) * kLags);
-    left_row_.resize(left_columns_ * C);
-    right_row_.resize((right_columns_ + kLags) * C);
+    row_.resize(static_cast<size_t>(std::max(left_columns_ + kSides, right_columns_ + kLags)));
     // Right columns backwards, so that candidates run forwards.
-    reversed_.resize(static_cast<size_t>(left_columns_ + count) * C);
-    sum_l_.resize(pair.width * C);
-    sum_ll_.resize(pair.width);
+    reversed_.resize(static_cast<size_t>(left_columns_ + count_));
+    sum_l_.resize(width_ * C);
+    sum_ll_.resize(static_cast<size_t>(width_) * kSides);
     sum_r_.resize((pair.width + 2 * kReach) * C);
     sum_rr_.resize(static_cast<size_t>(pair.width + 2 * kReach) * kLags);
   }
@@ -60,38 +62,49 @@ class Rows {
     finish();
   }
 
-  // Of the window at x with the ones around candidate i + kReach. `same`: i is what it was at x - 1.
-  void products(int x, int i, bool same, Products& out) {
-    if (same) {
-      const Sum* leaves = &cross_[static_cast<size_t>(x - 1) * count_ + i];
-      const Sum* enters = &cross_[static_cast<size_t>(x + w_.width - 1) * count_ + i];
-      for (int k = 0; k < kShifts; ++k) slide_[k] += static_cast<int64_t>(enters[k]) - leaves[k];
-    } else {
-      std::fill(slide_, slide_ + kShifts, 0);
-      for (int u = 0; u < w_.width; ++u) {
-        const Sum* column = &cross_[static_cast<size_t>(x + u) * count_ + i];
-        for (int k = 0; k < kShifts; ++k) slide_[k] += column[k];
-      }
-    }
-    const int C = p_.channels, match = x - (first_ + i + kReach);  // of the winner; sum_r_ starts at -kReach
-    const double n = centred_ ? static_cast<double>(w_.area()) : 1;
-    const double mean = centred_ ? 1 : 0;
-    const double* l = &sum_l_[static_cast<size_t>(x) * C];
-    out.ll = n * sum_ll_[x] - mean * dot(l, l);
+  // Of the window at x with the ones around the winner; `same`: that is what it was at x - 1.
+  void products(int x, int winner, bool same, Products& out) {
+    const int i = winner - kReach - first_, C = p_.channels;
+    // The slope is half of what the window one to the right has more than the one to the left.
+    for (int side = 0; side < 3; ++side) slide(side, x + side, i + side - 1, same);
+    const double n = centred_ ? static_cast<double>(w_.area()) : 1, mean = centred_ ? 1 : 0;
+    const double *before = &sum_l_[static_cast<size_t>(x) * C], *l = before + C, *after = l + C;
+    const double* ll = &sum_ll_[static_cast<size_t>(x + 1) * kSides];
+    double g[3];
+    for (int c = 0; c < C; ++c) g[c] = 0.5 * (after[c] - before[c]);
+    out.ll = n * ll[0] - mean * dot(l, l);
+    out.lg = n * 0.5 * (ll[1] - ll[1 - kSides]) - mean * dot(l, g);
+    out.gg = n * 0.25 * (ll[kSides] + ll[-kSides] - 2 * ll[2 - kSides]) - mean * dot(g, g);
     for (int k = 0; k < kShifts; ++k) {
-      // A larger candidate lies further to the left.
-      const int at = match - k + 2 * kReach;
+      // A larger candidate lies further to the left. Right windows are counted from -kReach.
+      const int a = kShifts - 1 - k, at = x - winner - k + 2 * kReach;
       const double* r = &sum_r_[static_cast<size_t>(at) * C];
-      out.lr[kShifts - 1 - k] = n * static_cast<double>(slide_[k]) - mean * dot(l, r);
-      for (int lag = 0; lag < std::min<int>(kLags, k + 1); ++lag) {
+      out.lr[a] = n * static_cast<double>(slide_[1][k]) - mean * dot(l, r);
+      out.gr[a] = n * 0.5 * static_cast<double>(slide_[2][k] - slide_[0][k]) - mean * dot(g, r);
+      for (int lag = 0; lag < std::min(kLags, k + 1); ++lag) {
         const double product = n * sum_rr_[static_cast<size_t>(at) * kLags + lag] - mean * dot(r, r + lag * C);
-        const int a = kShifts - 1 - k;
         out.rr[a][a + lag] = out.rr[a + lag][a] = product;
       }
     }
   }
 
  private:
+  // Sums of the left window that starts at column x with the right ones of candidates from i on.
+  void slide(int side, int x, int i, bool same) {
+    int64_t* sums = slide_[side];
+    if (same) {
+      const Sum* leaves = &cross_[static_cast<size_t>(x - 1) * count_ + i];
+      const Sum* enters = &cross_[static_cast<size_t>(x + w_.width - 1) * count_ + i];
+      for (int k = 0; k < kShifts; ++k) sums[k] += static_cast<int64_t>(enters[k]) - leaves[k];
+    } else {
+      std::fill(sums, sums + kShifts, 0);
+      for (int u = 0; u < w_.width; ++u) {
+        const Sum* column = &cross_[static_cast<size_t>(x + u) * count_ + i];
+        for (int k = 0; k < kShifts; ++k) sums[k] += column[k];
+      }
+    }
+  }
+
   double dot(const double* a, const double* b) const {
     double sum = 0;
     for (int c = 0; c < p_.channels; ++c) sum += a[c] * b[c];
@@ -100,37 +113,38 @@ class Rows {
 
   void add(int y, Sum sign) {
     const int C = p_.channels, W = p_.width;
-    const int32_t* L = p_.left + static_cast<size_t>(clamp(y, 0, p_.height - 1)) * W * C;
-    const int32_t* R = p_.right + static_cast<size_t>(clamp(y, 0, p_.height - 1)) * W * C;
-    const int last = left_columns_ - 1 - w_.left() - first_;  // the rightmost right column that is met
+    const size_t row = static_cast<size_t>(clamp(y, 0, p_.height - 1)) * W * C;
+    const int leftmost = -1 - w_.left();                             // column 0 of the left sums
+    const int last = leftmost + left_columns_ - 1 - first_;          // the rightmost right column that is met
     for (int c = 0; c < C; ++c) {
-      Sum* back = &reversed_[static_cast<size_t>(c) * (left_columns_ + count_)];
-      for (int j = 0; j < left_columns_ + count_; ++j) back[j] = R[clamp(last - j, 0, W - 1) * C + c];
+      const auto left = [&](int x) { return static_cast<Sum>(p_.left[row + static_cast<size_t>(clamp(x, 0, W - 1)) * C + c]); };
+      const auto right = [&](int x) { return static_cast<Sum>(p_.right[row + static_cast<size_t>(clamp(x, 0, W - 1)) * C + c]); };
+      for (int j = 0; j < left_columns_ + count_; ++j) reversed_[j] = right(last - j);
+      for (int i = 0; i < left_columns_ + kSides; ++i) row_[i] = left(leftmost + i);
       for (int i = 0; i < left_columns_; ++i) {
-        const Sum l = L[clamp(i - w_.left(), 0, W - 1) * C + c], signed_l = sign * l;
+        const Sum signed_l = sign * row_[i];
         l_[static_cast<size_t>(i) * C + c] += signed_l;
-        ll_[i] += signed_l * l;
+        for (int lag = 0; lag < kSides; ++lag) ll_[static_cast<size_t>(i) * kSides + lag] += signed_l * row_[i + lag];
         Sum* __restrict to = &cross_[static_cast<size_t>(i) * count_];
-        const Sum* __restrict from = back + (left_columns_ - 1 - i);
+        const Sum* __restrict from = &reversed_[left_columns_ - 1 - i];
         for (int k = 0; k < count_; ++k) to[k] += signed_l * from[k];
       }
-      for (int i = 0; i < right_columns_ + kLags; ++i)
-        right_row_[i] = R[clamp(i - w_.left() - kReach, 0, W - 1) * C + c];
+      for (int i = 0; i < right_columns_ + kLags; ++i) row_[i] = right(i - w_.left() - kReach);
       for (int i = 0; i < right_columns_; ++i) {
-        const Sum signed_r = sign * right_row_[i];
+        const Sum signed_r = sign * row_[i];
         r_[static_cast<size_t>(i) * C + c] += signed_r;
-        for (int lag = 0; lag < kLags; ++lag) rr_[static_cast<size_t>(i) * kLags + lag] += signed_r * right_row_[i + lag];
+        for (int lag = 0; lag < kLags; ++lag) rr_[static_cast<size_t>(i) * kLags + lag] += signed_r * row_[i + lag];
       }
     }
   }
 
   // From columns to windows.
   void finish() {
-    const int C = p_.channels, W = p_.width;
-    across(l_, C, W, sum_l_);
-    across(ll_, 1, W, sum_ll_);
-    across(r_, C, W + 2 * kReach, sum_r_);
-    across(rr_, kLags, W + 2 * kReach, sum_rr_);
+    const int C = p_.channels, right_windows = p_.width + 2 * kReach;
+    across(l_, C, width_, sum_l_);
+    across(ll_, kSides, width_, sum_ll_);
+    across(r_, C, right_windows, sum_r_);
+    across(rr_, kLags, right_windows, sum_rr_);
   }
 
   void across(const std::vector<Sum>& columns, int step, int windows, std::vector<double>& sums) const {
@@ -149,10 +163,10 @@ class Rows {
   const Window w_;
   const int first_, count_;
   const bool centred_;
-  const int left_columns_, right_columns_;
-  std::vector<Sum> cross_, l_, ll_, r_, rr_, left_row_, right_row_, reversed_;
+  const int width_, left_columns_, right_columns_;  // left windows: one more on both sides
+  std::vector<Sum> cross_, l_, ll_, r_, rr_, row_, reversed_;
   std::vector<double> sum_l_, sum_ll_, sum_r_, sum_rr_;
-  int64_t slide_[kShifts];
+  int64_t slide_[3][kShifts];
 };
 
 double correlation(double lr, double rr, double ll) { return rr > 0 && ll > 0 ? lr / std::sqrt(ll * rr) : 0; }
@@ -174,50 +188,40 @@ double linear_optimum(const Products& p) {
   return shift;
 }
 
-// What a cubic through four neighbours (Catmull and Rom's) weighs them by, t of the way from the second to the third; and
-// how fast that changes with t.
-void cubic_weights(double t, double (&w)[4], double (&slope)[4]) {
+// What a cubic through four neighbours (Catmull and Rom's) weighs them by, t of the way from the second to the third.
+void cubic_weights(double t, double (&w)[4]) {
   const double u = t * t, v = u * t;
   w[0] = 0.5 * (-v + 2 * u - t);
   w[1] = 0.5 * (3 * v - 5 * u + 2);
   w[2] = 0.5 * (-3 * v + 4 * u + t);
   w[3] = 0.5 * (v - u);
-  slope[0] = 0.5 * (-3 * u + 4 * t - 1);
-  slope[1] = 0.5 * (9 * u - 10 * t);
-  slope[2] = 0.5 * (-9 * u + 8 * t + 1);
-  slope[3] = 0.5 * (3 * u - 2 * t);
 }
 
-// Gauss-Newton on |L - o - g R(shift)|^2 in offset, gain and shift, from `shift` and within [-1, 1]: the best that it meets.
+// Gauss-Newton on |L - o - g R(shift)|^2 in offset, gain and shift, from `shift` and within [-1, 1]. The left window's slope
+// G stands for g R'(shift): noise that interpolation smooths away would draw the right one's to half pixels. What ends no
+// better than it began stays.
 double cubic_optimum(const Products& p, double shift) {
-  double best = 0, best_shift = shift;
+  double first = 0, now = shift;
   for (int k = 0; k < 20; ++k) {
-    const int base = shift < 0 ? 0 : 1;  // the cubic's first window
-    double w[4], dw[4];
-    cubic_weights(shift + 1 - base, w, dw);
-    // Of L, R(shift) and its slope S.
-    double lr = 0, ls = 0, rr = 0, rs = 0, ss = 0;
+    const int base = now < 0 ? 0 : 1;  // the cubic's first window
+    double w[4], lr = 0, gr = 0, rr = 0;
+    cubic_weights(now + 1 - base, w);
     for (int i = 0; i < 4; ++i) {
       lr += w[i] * p.lr[base + i];
-      ls += dw[i] * p.lr[base + i];
-      for (int j = 0; j < 4; ++j) {
-        const double product = p.rr[base + i][base + j];
-        rr += w[i] * w[j] * product;
-        rs += w[i] * dw[j] * product;
-        ss += dw[i] * dw[j] * product;
-      }
+      gr += w[i] * p.gr[base + i];
+      for (int j = 0; j < 4; ++j) rr += w[i] * w[j] * p.rr[base + i][base + j];
     }
     const double found = correlation(lr, rr, p.ll);
-    if (k > 0 && !(found > best)) break;
-    best = found;
-    best_shift = shift;
-    const double gain = lr * ss - ls * rs, step = ls * rr - lr * rs;
-    if (!(gain > 0)) break;
-    const double next = std::min(std::max(shift + step / gain, -1.0), 1.0);
-    if (std::abs(next - shift) < 1e-3) break;
-    shift = next;
+    if (k == 0) first = found;
+    const double determinant = rr * p.gg - gr * gr;
+    if (!(lr > 0 && determinant > 1e-9 * rr * p.gg)) return shift;
+    // L = o + g R + by G
+    const double by = (rr * p.lg - gr * lr) / determinant;
+    const double next = std::min(std::max(now + by, -1.0), 1.0);
+    if (std::abs(next - now) < 1e-3) return found >= first ? now : shift;
+    now = next;
   }
-  return best_shift;
+  return shift;
 }
 
 template <class Sum>
@@ -239,22 +243,21 @@ void align_rows(const AlignedPair& pair, const Window& window, Alignment alignme
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       if (y == begin) rows.start(y);
       else rows.next(y);
-      int before = -1;
+      int before = 0;
+      bool same = false;
       for (int x = 0; x < pair.width; ++x) {
         const size_t at = static_cast<size_t>(y) * pair.width + x;
         disparity[at] = start[at];
         const int winner = std::isnan(start[at]) ? 0 : whole(start[at]);
         const bool inside = !std::isnan(start[at]) && 0 <= x - winner && x - winner < pair.width;
-        const int i = inside ? winner - kReach - first : -1;
         if (inside) {
-          rows.products(x, i, i == before, products);
-          if (alignment == Alignment::correlation) {
-            disparity[at] = static_cast<float>(winner - linear_optimum(products));
-          } else {
-            disparity[at] = static_cast<float>(winner - cubic_optimum(products, static_cast<double>(winner) - start[at]));
-          }
+          rows.products(x, winner, same && winner == before, products);
+          disparity[at] = static_cast<float>(winner - (alignment == Alignment::correlation
+                                                           ? linear_optimum(products)
+                                                           : cubic_optimum(products, static_cast<double>(winner) - start[at])));
         }
-        before = i;
+        same = inside;
+        before = winner;
       }
     }
   });

@@ -212,16 +212,17 @@ def _refined(pixels: cost.Pixels, chosen: Settings, start: DisparityMap) -> Disp
     """Sub-pixel disparities from the images, around those that were found."""
     images, threads = pixels[:2], chosen.threads
     asked = None if chosen.refine_window is None else settings.window_size(chosen.refine_window)
+    flat = asked or (15, 5)
     match chosen.subpixel:
         case "symmetric":
             # A zero-mean cost bears an offset of brightness, so its refinement has to.
             centred = isinstance(chosen.cost, settings.ZSAD | settings.ZSSD | settings.ZNCC)
-            return refine.symmetric(*images, np.rint(start), asked or chosen.cost.size, centred, threads)
+            return refine.symmetric(*images, np.rint(start), flat, centred, threads)
         case "correlation":
             centred = isinstance(chosen.cost, settings.ZNCC)
             return refine.correlation(*images, np.rint(start), asked or chosen.cost.size, centred, threads)
         case "lucas-kanade":
-            return refine.lucas_kanade(*images, start, asked or (15, 5), threads)
+            return refine.lucas_kanade(*images, start, flat, threads)
         case _:
             return refine.lucas_kanade_affine(*images, start, asked or (21, 11), threads)[0]
 

@@ -105,8 +105,10 @@ def lucas_kanade(
     """Lucas and Kanade's refinement [1]_: the window shifts until it fits, blind to gain and offset.
 
     Gauss-Newton steps on ``sum (L - o - g R(x - d))**2`` in o, g and d, from `start`, with cubics (Catmull
-    and Rom's) between the right image's columns. The best correlation that is met counts, so that what is no
-    better leaves the start as it is. A step of less than a thousandth of a pixel ends it, or 20 steps.
+    and Rom's) between the right image's columns. The left image's slope stands for the right one's at the
+    match, times the gain (the inverse of the usual roles, as in [1]_): interpolation smooths noise away
+    between columns, and the right one's slope would follow it there. A step of less than a thousandth of a
+    pixel ends it. The start stays where 20 steps do not suffice or the correlation ends lower than it began.
 
     What a step needs follows from inner products of windows at whole shifts, which slide over the image: the
     time does not grow with the window.

@@ -132,8 +132,8 @@ class Settings:
         "symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine": from the images, around the
         winner; "correlation" needs ZNCC or NCC. None: whole candidates.
     refine_window : int or (int, int) or None
-        The window of a sub-pixel method that works from the images. None: the cost's, but 15 x 5 for
-        "lucas-kanade" and 21 x 11 for "lucas-kanade-affine".
+        The window of a sub-pixel method that works from the images. None: 15 x 5 for "symmetric" and
+        "lucas-kanade", 21 x 11 for "lucas-kanade-affine", the cost's own for "correlation".
     upsample : tuple of (int, str) or None
         Match images of so many times as many columns: the factor, and how the columns between are
         interpolated: "nearest", "linear", "cubic", "lanczos" or "area". Candidates and window scale with

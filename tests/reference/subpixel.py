@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import numpy.polynomial.polynomial as poly
 
 
 def window(image, x, y, size, shift=0):
@@ -47,35 +46,24 @@ def correlation_by_search(left, right, x, y, d, size, centred=True, samples=4000
 
 
 def lucas_kanade(left, right, x, y, start, size, iterations=20, tolerance=1e-3):
-    """Gauss-Newton, with the windows themselves and the slope of their interpolation."""
+    """Gauss-Newton, with the windows themselves."""
     target = centre(window(left, x, y, size))
+    slope = centre((window(left, x, y, size, 1) - window(left, x, y, size, -1)) / 2)
     winner = math.floor(start + 0.5)
-    shift, best, answer = winner - start, -math.inf, winner - start
-    for k in range(iterations):
+    shift, first = winner - start, None
+    for _ in range(iterations):
         here = centre(cubic(right, x, y, size, shift - winner))
-        # The derivative of the cubic that the shift lies on, from its values at four places.
-        base = min(math.floor(shift), 0)
-        places = np.array([0.0, 0.25, 0.5, 0.75])
-        values = np.stack([cubic(right, x, y, size, base - winner + place) for place in places])
-        coefficients = poly.polyfit(places, values.reshape(4, -1), 3)
-        slope = centre(poly.polyval(shift - base, poly.polyder(coefficients)).reshape(target.shape))
         found = correlate(target, here)
-        if k > 0 and not found > best:
-            break
-        best, answer = found, shift
-        normal = np.array(
-            [[(here * here).sum(), (here * slope).sum()], [(here * slope).sum(), (slope**2).sum()]]
-        )
-        if np.linalg.det(normal) <= 1e-9 * normal[0, 0] * normal[1, 1]:
-            break
-        gain, product = np.linalg.solve(normal, [(here * target).sum(), (slope * target).sum()])
-        if not gain > 0:
-            break
-        following = min(max(shift + product / gain, -1.0), 1.0)
+        first = found if first is None else first
+        columns = np.stack([here.ravel(), slope.ravel()], axis=1)
+        normal = columns.T @ columns
+        if (target * here).sum() <= 0 or np.linalg.det(normal) <= 1e-9 * normal[0, 0] * normal[1, 1]:
+            return start
+        following = min(max(shift + np.linalg.solve(normal, columns.T @ target.ravel())[1], -1.0), 1.0)
         if abs(following - shift) < tolerance:
-            break
+            return winner - shift if found >= first else start
         shift = following
-    return winner - answer
+    return start
 
 
 def warped(right, x, y, size, plane):

@@ -106,12 +106,19 @@ class Columns {
 
 void align_intervals(const AlignedPair& pair, const Window& window, int steps, const float* start, float* disparity,
                      const Workers& workers) {
-  const size_t size = static_cast<size_t>(pair.height) * pair.width;
   const auto whole = [](float d) { return static_cast<int>(std::floor(d + 0.5f)); };
+  const auto in_view = [&](int x, float d) {
+    if (!(std::abs(d) <= static_cast<float>(pair.width))) return false;  // NaN neither
+    const int match = x - whole(d);
+    return 0 <= match && match < pair.width;
+  };
   int low = std::numeric_limits<int>::max(), high = std::numeric_limits<int>::min();
-  std::copy(start, start + size, disparity);
-  for (size_t i = 0; i < size; ++i)
-    if (!std::isnan(start[i])) low = std::min(low, whole(start[i])), high = std::max(high, whole(start[i]));
+  for (int y = 0; y < pair.height; ++y)
+    for (int x = 0; x < pair.width; ++x) {
+      const size_t at = static_cast<size_t>(y) * pair.width + x;
+      disparity[at] = start[at];
+      if (in_view(x, start[at])) low = std::min(low, whole(start[at])), high = std::max(high, whole(start[at]));
+    }
   if (low > high) return;
   const int first = steps * (low - 1), count = steps * (high - low + 2) + 1, around = 2 * steps + 1;
   parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
@@ -122,13 +129,12 @@ void align_intervals(const AlignedPair& pair, const Window& window, int steps, c
       else columns.next(y);
       for (int x = 0; x < pair.width; ++x) {
         const size_t at = static_cast<size_t>(y) * pair.width + x;
-        if (std::isnan(start[at])) continue;
+        if (!in_view(x, start[at])) continue;
         const int from = steps * (whole(start[at]) - 1);  // fine candidate of costs[0]
         columns.costs(x, from - first, around, costs.data());
         // What lies in view of candidates from ... from + 2 steps.
         const int lowest = std::max(0, steps * (x - pair.width + 1) - from);
         const int highest = std::min(around - 1, steps * x - from);
-        if (lowest > highest) continue;
         const auto least = std::min_element(costs.begin() + lowest, costs.begin() + highest + 1);
         const int best = static_cast<int>(least - costs.begin());
         // Intervals overlap over a stretch: of equal costs the middle.

@@ -227,16 +227,21 @@ double cubic_optimum(const Products& p, double shift) {
 template <class Sum>
 void align_rows(const AlignedPair& pair, const Window& window, Alignment alignment, bool centred, const float* start,
                 float* disparity, const Workers& workers) {
-  const size_t size = static_cast<size_t>(pair.height) * pair.width;
-  float low = std::numeric_limits<float>::infinity(), high = -low;
-  for (size_t i = 0; i < size; ++i)
-    if (!std::isnan(start[i])) low = std::min(low, start[i]), high = std::max(high, start[i]);
-  if (!(low <= high)) {
-    std::copy(start, start + size, disparity);
-    return;
-  }
   const auto whole = [](float d) { return static_cast<int>(std::floor(d + 0.5f)); };
-  const int first = whole(low) - kReach, count = whole(high) - whole(low) + kShifts;
+  const auto in_view = [&](int x, float d) {
+    if (!(std::abs(d) <= static_cast<float>(pair.width))) return false;  // NaN neither
+    const int match = x - whole(d);
+    return 0 <= match && match < pair.width;
+  };
+  int low = std::numeric_limits<int>::max(), high = std::numeric_limits<int>::min();
+  for (int y = 0; y < pair.height; ++y)
+    for (int x = 0; x < pair.width; ++x) {
+      const size_t at = static_cast<size_t>(y) * pair.width + x;
+      disparity[at] = start[at];
+      if (in_view(x, start[at])) low = std::min(low, whole(start[at])), high = std::max(high, whole(start[at]));
+    }
+  if (low > high) return;
+  const int first = low - kReach, count = high - low + kShifts;
   parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     Rows<Sum> rows(pair, window, first, count, centred);
     Products products;
@@ -247,9 +252,8 @@ void align_rows(const AlignedPair& pair, const Window& window, Alignment alignme
       bool same = false;
       for (int x = 0; x < pair.width; ++x) {
         const size_t at = static_cast<size_t>(y) * pair.width + x;
-        disparity[at] = start[at];
-        const int winner = std::isnan(start[at]) ? 0 : whole(start[at]);
-        const bool inside = !std::isnan(start[at]) && 0 <= x - winner && x - winner < pair.width;
+        const bool inside = in_view(x, start[at]);
+        const int winner = inside ? whole(start[at]) : 0;
         if (inside) {
           rows.products(x, winner, same && winner == before, products);
           disparity[at] = static_cast<float>(winner - (alignment == Alignment::correlation

@@ -98,7 +98,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--window", default="31", help="the matching window (default %(default)s)")
     parser.add_argument("--pairs", type=int, metavar="N", help="the first N pairs of each folder")
     parser.add_argument("--scenes", type=int, default=2, metavar="N", help="streets (default %(default)s)")
-    parser.add_argument("--texture", type=float, default=2.0, metavar="LEVELS")
+    parser.add_argument("--texture", type=float, default=1.0, metavar="LEVELS")
     parser.add_argument("--methods", metavar="NAME;...", help="only these, separated by semicolons")
     parser.add_argument("--locking", action="store_true", help="also print the histograms of the phase")
     return parser.parse_args(arguments)

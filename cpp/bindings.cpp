@@ -91,6 +91,13 @@ void match_pair(const Array<const T, 3>& left, const Array<const T, 3>& right, i
 
 using Pixels = Array<const int32_t, 3>;
 
+AlignedPair aligned_pair(const Pixels& left, const Pixels& right) {
+  for (int axis = 0; axis < 3; ++axis) require(left.shape(axis) == right.shape(axis), "left and right differ in shape");
+  require(left.size() > 0 && (left.shape(2) == 1 || left.shape(2) == 3), "one channel or three");
+  return {left.data(), right.data(), static_cast<int>(left.shape(0)), static_cast<int>(left.shape(1)),
+          static_cast<int>(left.shape(2))};
+}
+
 template <class T>
 void bind_grey(nb::module_& m) {
   m.def("grey", [](const Array<const T, 3>& rgb, const Array<T, 3>& out, int threads) {
@@ -453,5 +460,38 @@ NB_MODULE(_core, m) {
     require(1 <= size && size <= 255, "size runs from 1 to 255");
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) { median(disparity.data(), H, W, size, out.data(), workers); });
+  });
+
+  m.def("align", [](const Pixels& left, const Pixels& right, int window_width, int window_height, int alignment, bool centred,
+                    bool bytes, const Array<const float, 2>& start, const Array<float, 2>& disparity, int threads) {
+    const AlignedPair pair = aligned_pair(left, right);
+    const Window window = window_of(window_width, window_height);
+    for (const auto& map : {start, Array<const float, 2>(disparity)}) require_shape(map, pair.height, pair.width);
+    run(threads, [&](const Workers& workers) {
+      align(pair, window, static_cast<Alignment>(alignment), centred, bytes, start.data(), disparity.data(), workers);
+    });
+  });
+
+  m.def("align_planes", [](const Pixels& left, const Pixels& right, int window_width, int window_height,
+                           const Array<const float, 2>& start, const Array<float, 2>& disparity,
+                           const Array<float, 3>& slopes, int threads) {
+    const AlignedPair pair = aligned_pair(left, right);
+    const Window window = window_of(window_width, window_height);
+    for (const auto& map : {start, Array<const float, 2>(disparity)}) require_shape(map, pair.height, pair.width);
+    require_shape(slopes, pair.height, pair.width, 2);
+    run(threads, [&](const Workers& workers) {
+      align_planes(pair, window, start.data(), disparity.data(), slopes.data(), workers);
+    });
+  });
+
+  m.def("align_intervals", [](const Pixels& left, const Pixels& right, int window_width, int window_height, int steps,
+                              const Array<const float, 2>& start, const Array<float, 2>& disparity, int threads) {
+    const AlignedPair pair = aligned_pair(left, right);
+    const Window window = window_of(window_width, window_height);
+    require(1 <= steps && steps <= 16, "steps run from 1 to 16");
+    for (const auto& map : {start, Array<const float, 2>(disparity)}) require_shape(map, pair.height, pair.width);
+    run(threads, [&](const Workers& workers) {
+      align_intervals(pair, window, steps, start.data(), disparity.data(), workers);
+    });
   });
 }

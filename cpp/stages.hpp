@@ -162,4 +162,24 @@ void speckle(const float* disparity, int height, int width, int area, float diff
 // Median over a size x size window of the pixels that have a value; pixels without one stay without.
 void median(const float* disparity, int height, int width, int size, float* filtered, const Workers& workers);
 
+// ---- refine from the images -------------------------------------------------------------------------------------------
+// A pair of int32 pixels. `start` and `disparity` are (H, W); where `start` is NaN, or nothing better is found, so it stays.
+struct AlignedPair {
+  const int32_t* left;
+  const int32_t* right;
+  int height, width, channels;
+};
+// The shift of the right window, whole in itself, that correlates best with the left one: with straight lines between
+// pixels, in closed form; or with cubics, by Gauss-Newton. `centred`: each window's mean removed. `bytes`: pixels fit 8 bits.
+enum class Alignment : int { correlation, lucas_kanade };
+void align(const AlignedPair& pair, const Window& window, Alignment alignment, bool centred, bool bytes, const float* start,
+           float* disparity, const Workers& workers);
+// The same of a window that is slanted: disparity d + a u + b v at its column u and row v. `slopes` is (H, W, 2): a and b.
+void align_planes(const AlignedPair& pair, const Window& window, const float* start, float* disparity, float* slopes,
+                  const Workers& workers);
+// The candidate, in steps of 1 / steps and within a pixel of the winner, at which the intervals that both lines span within
+// half a step of each place lie least apart, summed over window and pixel; and a parabola through its neighbours.
+void align_intervals(const AlignedPair& pair, const Window& window, int steps, const float* start, float* disparity,
+                     const Workers& workers);
+
 }  // namespace stereopsis

@@ -750,6 +750,46 @@ void test_median() {
   }
 }
 
+// The Python tests hold these to their definitions; here: that they stay within their arrays, within a pixel of where they
+// start, and do not depend on threads.
+void test_refinement_from_images() {
+  Random random{12};
+  const float none = std::numeric_limits<float>::quiet_NaN();
+  for (int round = 0; round < 150; ++round) {
+    const Pixels pixels = round % 3 == 0 ? Pixels::bytes : round % 3 == 1 ? Pixels::white : Pixels::fixed;
+    const int H = random.between(1, 9), W = random.between(1, 40);
+    const Window window{random.between(1, 40), random.between(1, 20)};
+    const Problem p = problem(random, pixels, H, W, random.below(2) ? 1 : 3, 0, 1, window);
+    const AlignedPair pair{p.left.data(), p.right.data(), H, W, p.channels};
+    std::vector<float> start(static_cast<size_t>(H) * W);
+    for (int k = 0; k < H * W; ++k)
+      start[k] = random.below(4) ? static_cast<float>(k % W - random.below(W)) + 0.1f * static_cast<float>(random.between(-5, 5)) : none;
+    if (round % 10 == 0) start[0] = 1e9f;  // out of view
+    const bool bytes = pixels != Pixels::fixed;
+    const Window small{window.width % 9 + 1, window.height % 5 + 1};
+    for (int method = 0; method < 4; ++method) {
+      const auto refine = [&](int threads, std::vector<float>& out) {
+        const Workers workers{threads, [] { return false; }};
+        std::vector<float> slopes(2 * out.size());
+        if (method < 2)
+          align(pair, window, static_cast<Alignment>(method), round % 2 == 0, bytes, start.data(), out.data(), workers);
+        else if (method == 2)
+          align_intervals(pair, small, round % 4 + 1, start.data(), out.data(), workers);
+        else
+          align_planes(pair, small, start.data(), out.data(), slopes.data(), workers);
+      };
+      std::vector<float> alone(start.size()), crowd(start.size());
+      refine(1, alone);
+      refine(random.between(2, 12), crowd);
+      CHECK(std::memcmp(alone.data(), crowd.data(), alone.size() * sizeof(float)) == 0, p.told());
+      bool near = true;
+      for (size_t k = 0; k < start.size(); ++k)
+        near = near && (std::isnan(start[k]) ? std::isnan(alone[k]) : std::abs(alone[k] - start[k]) <= 1.51f);
+      CHECK(near, p.told() + " method " + text(method));
+    }
+  }
+}
+
 void test_threads_do_not_matter() {
   Random random{11};
   for (const CostKind cost : kCosts) {
@@ -1137,6 +1177,7 @@ int main() {
   timed("texture", test_texture);
   timed("speckle", test_speckle);
   timed("median", test_median);
+  timed("refinement from the images", test_refinement_from_images);
   timed("ties", test_ties_go_to_the_first_candidate);
   timed("small problems", test_small_problems);
   timed("sizes around those of vectors", test_sizes_around_those_of_vectors);

@@ -14,6 +14,7 @@ from stereopsis.io import (
     write_ply,
     write_preview,
 )
+from stereopsis.locking import PixelLocking, pixel_locking
 from stereopsis.optimize import (
     ICM,
     TRWS,
@@ -51,6 +52,7 @@ __all__ = [
     "Flag",
     "Gaussian",
     "Pair",
+    "PixelLocking",
     "Result",
     "Scores",
     "SecondPass",
@@ -65,6 +67,7 @@ __all__ = [
     "evaluate",
     "io",
     "match",
+    "pixel_locking",
     "points",
     "read_calibration",
     "read_disparity",

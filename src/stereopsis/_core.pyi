@@ -257,3 +257,38 @@ def select_right(volume: npt.NDArray[Any], first: int, index: _I32, threads: int
 def texture(image: _I32, window_width: int, window_height: int, mean: _F32, threads: int, /) -> None: ...
 def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None: ...
 def median(disparity: _F32, size: int, out: _F32, threads: int, /) -> None: ...
+def align(
+    left: _I32,
+    right: _I32,
+    window_width: int,
+    window_height: int,
+    alignment: int,
+    centred: bool,
+    narrow: bool,
+    start: _F32,
+    disparity: _F32,
+    threads: int,
+    /,
+) -> None: ...
+def align_planes(
+    left: _I32,
+    right: _I32,
+    window_width: int,
+    window_height: int,
+    start: _F32,
+    disparity: _F32,
+    slopes: _F32,
+    threads: int,
+    /,
+) -> None: ...
+def align_intervals(
+    left: _I32,
+    right: _I32,
+    window_width: int,
+    window_height: int,
+    steps: int,
+    start: _F32,
+    disparity: _F32,
+    threads: int,
+    /,
+) -> None: ...

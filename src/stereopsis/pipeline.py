@@ -13,13 +13,28 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, aggregate, cost, fill, optimize, refine, select, settings, slant, validate, weigh
+from stereopsis import (
+    _fused,
+    aggregate,
+    cost,
+    fill,
+    optimize,
+    refine,
+    select,
+    settings,
+    slant,
+    upsample,
+    validate,
+    weigh,
+)
 from stereopsis.settings import Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
+FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine"})
+"""Sub-pixel methods that need the images, not the costs."""
 
 
 class _Unset:
@@ -43,6 +58,8 @@ def match(
     slant: str | None = UNSET,
     extra_windows: tuple[settings.Window, ...] = UNSET,
     subpixel: str | None = UNSET,
+    refine_window: settings.Window | None = UNSET,
+    upsample: tuple[int, str] | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
     texture: float | None = UNSET,
@@ -71,9 +88,9 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, slant, extra_windows, optimize, subpixel, left_right, uniqueness, texture, median
+    cost, channels, slant, extra_windows, optimize, subpixel, refine_window, upsample, left_right
         As in `Settings`.
-    speckle, fill, step, disparity_step, threads, keep
+    uniqueness, texture, median, speckle, fill, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -114,6 +131,8 @@ def match(
             ("slant", slant),
             ("extra_windows", extra_windows),
             ("subpixel", subpixel),
+            ("refine_window", refine_window),
+            ("upsample", upsample),
             ("left_right", left_right),
             ("uniqueness", uniqueness),
             ("texture", texture),
@@ -160,6 +179,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
     elif merged:
         disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages)
+    elif chosen.upsample is not None:
+        disparity, confidence, flags = _match_upsampled(pixels, chosen, chosen.upsample, seen, timings)
     else:
         with _timed(timings, "match"):
             disparity, confidence, flags = _fused.match(
@@ -167,7 +188,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 pixels,
                 seen,
                 chosen.cost.size,
-                chosen.subpixel,
+                _fit(chosen.subpixel),
                 chosen.left_right,
                 chosen.uniqueness,
                 chosen.threads,
@@ -185,6 +206,9 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 _refuse(gradient < chosen.texture, Flag.LOW_TEXTURE, disparity, confidence, flags)
             if "texture" in chosen.keep:
                 stages["texture"] = gradient
+    if chosen.subpixel in FROM_IMAGES:
+        with _timed(timings, "subpixel"):
+            disparity = _refined(pixels, chosen, disparity)
     if "unfiltered" in chosen.keep:
         stages["unfiltered"] = disparity.copy()
     if chosen.median is not None:
@@ -201,6 +225,63 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
+
+
+def _fit(subpixel: str | None) -> str | None:
+    """The fit through the winner's costs: for Lucas and Kanade, what to start from."""
+    match subpixel:
+        case "lucas-kanade" | "lucas-kanade-affine":
+            return "parabola"
+        case "symmetric" | "correlation":
+            return None
+        case _:
+            return subpixel
+
+
+def _refined(pixels: cost.Pixels, chosen: Settings, start: DisparityMap) -> DisparityMap:
+    """Sub-pixel disparities from the images, around those that were found."""
+    images, threads = pixels[:2], chosen.threads
+    asked = None if chosen.refine_window is None else settings.window_size(chosen.refine_window)
+    flat = asked or (15, 5)
+    match chosen.subpixel:
+        case "symmetric":
+            # A zero-mean cost bears an offset of brightness, so its refinement has to.
+            centred = isinstance(chosen.cost, settings.ZSAD | settings.ZSSD | settings.ZNCC)
+            return refine.symmetric(*images, np.rint(start), flat, centred, threads)
+        case "correlation":
+            centred = isinstance(chosen.cost, settings.ZNCC)
+            return refine.correlation(*images, np.rint(start), asked or chosen.cost.size, centred, threads)
+        case "lucas-kanade":
+            return refine.lucas_kanade(*images, start, flat, threads)
+        case _:
+            return refine.lucas_kanade_affine(*images, start, asked or (21, 11), threads)[0]
+
+
+def _match_upsampled(
+    pixels: cost.Pixels,
+    chosen: Settings,
+    how: tuple[int, str],
+    seen: Disparities,
+    timings: dict[str, float],
+) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Match images with more columns; what their own columns are answered, in pixels."""
+    factor, interpolation = how
+    with _timed(timings, "upsample"):
+        left, right = (upsample.columns(image, factor, interpolation) for image in pixels[:2])
+    width, height = chosen.cost.size
+    with _timed(timings, "match"):
+        disparity, confidence, flags = _fused.match(
+            _kind(chosen),
+            cost.Pixels(left, right, pixels.step),
+            Disparities(factor * seen.min, factor * (seen.max - 1) + 1),
+            (factor * width, height),
+            _fit(chosen.subpixel),
+            None if chosen.left_right is None else factor * chosen.left_right,
+            None,
+            chosen.threads,
+        )
+    own = np.s_[:, ::factor]
+    return disparity[own] / np.float32(factor), confidence[own].copy(), flags[own].copy()
 
 
 def _compose(
@@ -241,7 +322,7 @@ def _compose(
     around = winners.cost, winners.before, winners.after
     flags = np.zeros(winners.index.shape, np.uint8)
     with _timed(timings, "refine"):
-        offset = refine.subpixel(chosen.subpixel, *around)
+        offset = refine.subpixel(_fit(chosen.subpixel), *around)
         # A label that its neighbours hold against its own costs has no extremum to fit.
         held = (winners.before < winners.cost) | (winners.after < winners.cost)
         disparity = (winners.index * sampling.disparity_step + np.int32(seen.min)).astype(np.float32)
@@ -376,7 +457,7 @@ def _planes(pixels: cost.Pixels, chosen: Settings, seen: Disparities) -> list[sl
     if chosen.slant is None:
         return []
     first, _, _ = _fused.match(
-        _kind(chosen), pixels, seen, slant.FIRST_WINDOW, chosen.subpixel, 1.0, 5.0, chosen.threads
+        _kind(chosen), pixels, seen, slant.FIRST_WINDOW, _fit(chosen.subpixel), 1.0, 5.0, chosen.threads
     )
     if chosen.slant == "planes":
         return slant.planes(first, chosen.cost.size)
@@ -405,7 +486,7 @@ def _along(
         for which, (plane, view, candidates) in enumerate(passes):
             costs = np.empty(view.left.shape[:2], np.float32)
             winners = _fused.match(
-                kind, view, candidates, window, chosen.subpixel, None, chosen.uniqueness, threads, costs
+                kind, view, candidates, window, _fit(chosen.subpixel), None, chosen.uniqueness, threads, costs
             )
             factor = slant.handicap(candidates.span, seen.span, window)
             slant.merge_pass(found, winners, costs, number, plane, which, factor, seen, threads)

@@ -53,6 +53,212 @@ def subpixel(
     return np.where(both, offset, np.float32(0))
 
 
+def correlation(
+    left: npt.NDArray[Any],
+    right: npt.NDArray[Any],
+    winner: DisparityMap,
+    window: tuple[int, int],
+    centred: bool = True,
+    threads: int = 0,
+) -> DisparityMap:
+    r"""The disparity within a pixel of the winner whose window correlates best, in closed form [1]_.
+
+    Between two neighbouring right windows the image is a straight line, :math:`R_t = (1 - t) R_0 + t R_1`
+    with :math:`0 \le t \le 1`. With :math:`\langle\cdot, \cdot\rangle` the sum of products over the window
+    (each window's mean removed, for ZNCC), :math:`a_i = \langle L, R_i \rangle` and
+    :math:`g_{ij} = \langle R_i, R_j \rangle`, the correlation
+    :math:`\langle L, R_t \rangle / \sqrt{\langle L, L \rangle \langle R_t, R_t \rangle}` is largest at
+
+    .. math:: t = \frac{a_1 g_{00} - a_0 g_{01}}{a_0 (g_{11} - g_{01}) + a_1 (g_{00} - g_{01})} .
+
+    Both neighbours are tried, and the better one taken. The sums are those of whole numbers, and exact.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8 or int32, (H, W, C)
+    winner : ndarray of float32, (H, W)
+        Whole disparities; NaN stays NaN.
+    window : (width, height)
+    centred : bool
+        Remove each window's mean, for ZNCC; not for NCC.
+    threads : int
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+
+    References
+    ----------
+    .. [1] E. Psarakis, G. Evangelidis, An enhanced correlation-based method for stereo correspondence with
+       sub-pixel accuracy, ICCV 2005, doi:10.1109/ICCV.2005.33.
+    """
+    return _aligned(0, left, right, winner, window, centred, threads)
+
+
+def lucas_kanade(
+    left: npt.NDArray[Any],
+    right: npt.NDArray[Any],
+    start: DisparityMap,
+    window: tuple[int, int],
+    threads: int = 0,
+) -> DisparityMap:
+    """Lucas and Kanade's refinement [1]_: the window shifts until it fits, blind to gain and offset.
+
+    Gauss-Newton steps on ``sum (L - o - g R(x - d))**2`` in o, g and d, from `start`, with cubics (Catmull
+    and Rom's) between the right image's columns. The left image's slope stands for the right one's at the
+    match, times the gain (the inverse of the usual roles, as in [1]_): interpolation smooths noise away
+    between columns, and the right one's slope would follow it there. A step of less than a thousandth of a
+    pixel ends it. The start stays where 20 steps do not suffice or the correlation ends lower than it began.
+
+    What a step needs follows from inner products of windows at whole shifts, which slide over the image: the
+    time does not grow with the window.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8 or int32, (H, W, C)
+        A colour image's channels share one gain, and have an offset each.
+    start : ndarray of float32, (H, W)
+        The result lies within a pixel of the whole disparity nearest to it; NaN stays NaN.
+    window : (width, height)
+    threads : int
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+
+    References
+    ----------
+    .. [1] B. Lucas, T. Kanade, An iterative image registration technique with an application to stereo
+       vision, IJCAI 1981; S. Baker, I. Matthews, Lucas-Kanade 20 years on, IJCV 56(3), 2004,
+       doi:10.1023/B:VISI.0000011205.11775.fd.
+    """
+    return _aligned(1, left, right, start, window, True, threads)
+
+
+def _aligned(
+    method: int,
+    left: npt.NDArray[Any],
+    right: npt.NDArray[Any],
+    start: DisparityMap,
+    window: tuple[int, int],
+    centred: bool,
+    threads: int,
+) -> DisparityMap:
+    refined = np.empty(start.shape, np.float32)
+    pair = _whole(left), _whole(right)
+    narrow = left.dtype == np.uint8
+    _core.align(*pair, *window, method, centred, narrow, np.ascontiguousarray(start), refined, threads)
+    return refined
+
+
+def lucas_kanade_affine(
+    left: npt.NDArray[Any],
+    right: npt.NDArray[Any],
+    start: DisparityMap,
+    window: tuple[int, int],
+    threads: int = 0,
+) -> tuple[DisparityMap, npt.NDArray[np.float32]]:
+    """Lucas and Kanade's refinement of a window that may slant: ``d + a u + b v`` at its column u and row v.
+
+    As `lucas_kanade`, with a and b beside d, from a = b = 0. The left image's slope stands for the right
+    one's at the match, so what depends on it is summed but once a pixel (the inverse of the usual roles, as
+    in [1]_). A step that moves no corner of the window by a hundredth of a pixel ends it, or 8 steps.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8 or int32, (H, W, C)
+    start : ndarray of float32, (H, W)
+        The result lies within a pixel of it; NaN stays NaN.
+    window : (width, height)
+    threads : int
+
+    Returns
+    -------
+    disparity : ndarray of float32, (H, W)
+    slopes : ndarray of float32, (H, W, 2)
+        a and b: pixels of disparity gained a column, within 0.33 of 0, and a row, within 1.
+
+    References
+    ----------
+    .. [1] S. Baker, I. Matthews, Lucas-Kanade 20 years on, IJCV 56(3), 2004,
+       doi:10.1023/B:VISI.0000011205.11775.fd.
+    """
+    refined, slopes = np.empty(start.shape, np.float32), np.empty((*start.shape, 2), np.float32)
+    _core.align_planes(
+        _whole(left), _whole(right), *window, np.ascontiguousarray(start), refined, slopes, threads
+    )
+    return refined, slopes
+
+
+def symmetric(
+    left: npt.NDArray[Any],
+    right: npt.NDArray[Any],
+    winner: DisparityMap,
+    window: tuple[int, int],
+    centred: bool = False,
+    threads: int = 0,
+    *,
+    steps: int = 4,
+) -> DisparityMap:
+    r"""Symmetric matching of interpolated lines by their intervals, within a pixel of the winner [1]_.
+
+    Both lines run straight from pixel to pixel and are sampled `steps` times a pixel. About each sample
+    :math:`X` the left line spans an interval :math:`[l^-, l^+]`, from the least to the greatest of the sample
+    and the values half a step before and after it; so does the right one. What lies in both can match, so two
+    samples are as far apart as their intervals:
+
+    .. math:: g(X, X') = \max(0,\; l^-(X) - r^+(X'),\; r^-(X') - l^+(X)) .
+
+    The cost of a disparity, a whole number :math:`K` of steps, sums :math:`g` between :math:`X` and
+    :math:`X - K` over the samples within half a pixel of each pixel of the window. Neither image alone is
+    interpolated. The least cost within a pixel of the winner is taken, and a parabola
+    through its neighbours; at either end of these candidates there is none. Of a stretch of equal costs the
+    middle is taken.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8 or int32, (H, W, C)
+    winner : ndarray of float32, (H, W)
+        Whole disparities; NaN stays NaN.
+    window : (width, height)
+    centred : bool
+        Take the mean of the window around it from each pixel first: blind to an offset of brightness.
+    threads : int
+    steps : int
+        Samples a pixel, 1 ... 16.
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+
+    References
+    ----------
+    .. [1] R. Szeliski, D. Scharstein, Sampling the disparity space image, IEEE TPAMI 26(3), 2004,
+       doi:10.1109/TPAMI.2004.1262341.
+    """
+    pair = (_centred(left, window), _centred(right, window)) if centred else (_whole(left), _whole(right))
+    refined = np.empty(winner.shape, np.float32)
+    _core.align_intervals(*pair, *window, steps, np.ascontiguousarray(winner), refined, threads)
+    return refined
+
+
+def _centred(image: npt.NDArray[Any], window: tuple[int, int]) -> npt.NDArray[np.int32]:
+    """Pixels less the mean of the window around them; those of 8 bits in sixteenths of a grey level."""
+    (width, height), (rows, columns) = window, image.shape[:2]
+    around = ((height // 2, (height - 1) // 2), (width // 2, (width - 1) // 2), (0, 0))
+    sums = np.pad(image.astype(np.int64), around, mode="edge")
+    for axis, (side, length) in enumerate(((height, rows), (width, columns))):
+        total = np.insert(sums.cumsum(axis), 0, 0, axis)
+        first, last = np.arange(length), np.arange(length) + side
+        sums = total.take(last, axis) - total.take(first, axis)
+    scale = 16 if image.dtype == np.uint8 else 1
+    return (scale * image.astype(np.int64) - np.rint(scale * sums / (width * height))).astype(np.int32)
+
+
+def _whole(image: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+    return np.ascontiguousarray(image, np.int32)
+
+
 def confidence(
     perfect: float, cost: npt.NDArray[Any], before: npt.NDArray[Any], after: npt.NDArray[Any]
 ) -> npt.NDArray[np.float32]:

@@ -114,8 +114,11 @@ OPTIMIZER_PARTS: Mapping[str, str] = MappingProxyType(
     }
 )
 """What an optimizer and its smoothness are made of, by the names that these have in a text."""
-Subpixel: TypeAlias = Literal["parabola", "equiangular"]
-SUBPIXEL = ("parabola", "equiangular")
+Subpixel: TypeAlias = Literal[
+    "parabola", "equiangular", "symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine"
+]
+SUBPIXEL = ("parabola", "equiangular", "symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine")
+INTERPOLATIONS = ("nearest", "linear", "cubic", "lanczos", "area")
 FILLS = ("background",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
@@ -143,9 +146,18 @@ class Settings:
         to a first map; for each pixel the better match wins. None: fronto-parallel windows alone.
     extra_windows : tuple of windows
         Further support windows beside the cost's; for each pixel the one with the least expected variance.
-    subpixel : {"parabola", "equiangular"} or None
-        Fit through the winner's cost and its two neighbours'. The parabola is right for squared costs and
-        correlations, the equiangular (V) fit for absolute differences.
+    subpixel : str or None
+        "parabola", "equiangular": a fit through the winner's cost and its two neighbours'. The parabola is
+        right for squared costs and correlations, the equiangular (V) fit for absolute differences.
+        "symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine": from the images, around the
+        winner; "correlation" needs ZNCC or NCC. None: whole candidates.
+    refine_window : int or (int, int) or None
+        The window of a sub-pixel method that works from the images. None: 15 x 5 for "symmetric" and
+        "lucas-kanade", 21 x 11 for "lucas-kanade-affine", the cost's own for "correlation".
+    upsample : tuple of (int, str) or None
+        Match images of so many times as many columns: the factor, and how the columns between are
+        interpolated: "nearest", "linear", "cubic", "lanczos" or "area". Candidates and window scale with
+        them. None: the images as they are.
     left_right : float or None
         Largest difference in pixels between the winner and the right view's winner at its match. None: no
         check.
@@ -184,6 +196,8 @@ class Settings:
     slant: Literal["road", "planes"] | None = None
     extra_windows: tuple[tuple[int, int], ...] = ()
     subpixel: Subpixel | None = "parabola"
+    refine_window: Window | None = None
+    upsample: tuple[int, str] | None = None
     left_right: float | None = None
     uniqueness: float | None = None
     texture: float | None = None
@@ -199,17 +213,8 @@ class Settings:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
-        sampled = self.step > 1 or self.disparity_step > 1
-        if self.slant is not None or self.extra_windows:
-            if "costs" in self.keep:
-                raise ValueError('keep must be without "costs" where slant or extra_windows is set')
-            if self.cost.support is not None or self.optimize is not None or sampled:
-                raise ValueError(
-                    "slant and extra_windows go with box windows alone: not with a support as window, "
-                    "optimize, step or disparity_step"
-                )
-        if self.optimize is not None and sampled:
-            raise ValueError("optimize must be None where step or disparity_step is more than 1")
+        _check_subpixel(self)
+        _check_paths(self)
 
     @classmethod
     def make(
@@ -421,6 +426,18 @@ def _checked(name: str, value: Any) -> Any:
         case "subpixel":
             if value is not None and value not in SUBPIXEL:
                 raise refuse(f"one of {', '.join(SUBPIXEL)}, or None")
+        case "refine_window":
+            if value is None:
+                return None
+            width, height = window_size(value)
+            return width if width == height else (width, height)
+        case "upsample":
+            if value is None:
+                return None
+            factor, how = value if isinstance(value, tuple | list) and len(value) == 2 else (0, None)
+            if not (_is_int(factor) and 2 <= factor <= 16 and how in INTERPOLATIONS):
+                raise refuse(f"(factor from 2 to 16, one of {', '.join(INTERPOLATIONS)}), or None")
+            return int(factor), str(how)
         case "left_right" | "uniqueness" | "texture":
             if value is not None and not (_is_number(value) and value >= 0):
                 raise refuse("a number of at least 0, or None")
@@ -463,6 +480,47 @@ def _checked(name: str, value: Any) -> Any:
     return value
 
 
+def _check_subpixel(settings: Settings) -> None:
+    """Raise ValueError where settings of sub-pixel matching exclude each other."""
+    if settings.subpixel == "correlation" and not isinstance(settings.cost, ZNCC | NCC):
+        raise ValueError(
+            f'subpixel must not be "correlation" with {type(settings.cost).__name__}: it needs ZNCC or NCC'
+        )
+    if settings.upsample is None:
+        return
+    factor, (width, _) = settings.upsample[0], settings.cost.size
+    if factor * width > MAX_WINDOW:
+        raise ValueError(
+            f"upsample widens the window to {factor} x {width} columns; it may have up to {MAX_WINDOW}"
+        )
+    if settings.uniqueness is not None:
+        raise ValueError("uniqueness must be None with upsample: the steps next to a winner match as well")
+    kept = {"costs", "right_disparity"} & set(settings.keep)
+    if kept:
+        raise ValueError(f"keep must not hold {', '.join(sorted(kept))} with upsample")
+
+
+def _check_paths(settings: Settings) -> None:
+    """Raise ValueError where settings need different ways through the stages."""
+    sampled = settings.step > 1 or settings.disparity_step > 1
+    merged = settings.slant is not None or bool(settings.extra_windows)
+    others = settings.cost.support is not None or settings.optimize is not None or sampled
+    if merged and "costs" in settings.keep:
+        raise ValueError('keep must be without "costs" where slant or extra_windows is set')
+    if merged and others:
+        raise ValueError(
+            "slant and extra_windows go with box windows alone: not with a support as window, optimize, "
+            "step or disparity_step"
+        )
+    if settings.upsample is not None and (merged or others):
+        raise ValueError(
+            "upsample goes with box windows alone: not with a support as window, slant, extra_windows, "
+            "optimize, step or disparity_step"
+        )
+    if settings.optimize is not None and sampled:
+        raise ValueError("optimize must be None where step or disparity_step is more than 1")
+
+
 def as_disparities(value: Any) -> Disparities:
     """A range of candidates from ``(min, max)``; raises TypeError or ValueError for what is none."""
     if not isinstance(value, tuple | list | range) or (not isinstance(value, range) and len(value) != 2):
@@ -498,10 +556,13 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "window":
+        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "window" | "refine_window":
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()
+        case "upsample":
+            factor, _, how = text.partition(",")
+            return number(factor), how.strip()
         case "disparities":
             low, _, high = text.partition(":")
             try:

@@ -27,6 +27,7 @@ any_settings = some.builds(
     left_right=numbers,
     uniqueness=numbers,
     texture=numbers,
+    sky=some.booleans(),
     median=some.none() | some.integers(0, 127).map(lambda half: 2 * half + 1),
     speckle=some.none()
     | some.integers(0, 10**6)

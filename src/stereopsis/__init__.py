@@ -16,6 +16,7 @@ from stereopsis.io import (
 )
 from stereopsis.pipeline import estimate_disparities, match
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
+from stereopsis.sparsification import Sparsification, sparsification
 from stereopsis.types import Calibration, Disparities, Flag, Pair, Result
 
 __version__ = "0.1.0"
@@ -35,6 +36,7 @@ __all__ = [
     "Result",
     "Scores",
     "Settings",
+    "Sparsification",
     "datasets",
     "depth",
     "error_map",
@@ -48,6 +50,7 @@ __all__ = [
     "read_image",
     "read_pair",
     "scenes",
+    "sparsification",
     "write_disparity",
     "write_image",
     "write_ply",

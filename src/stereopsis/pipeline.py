@@ -13,7 +13,7 @@ from typing import Any, Final, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, aggregate, cost, fill, refine, select, settings, validate
+from stereopsis import _fused, aggregate, cost, fill, noise, refine, select, settings, sky, validate
 from stereopsis.settings import Settings
 from stereopsis.types import Disparities, DisparityMap, Flag, Image, Pair, Result
 
@@ -41,7 +41,8 @@ def match(
     subpixel: str | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
-    texture: float | None = UNSET,
+    texture: float | str | None = UNSET,
+    sky: bool = UNSET,
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
     fill: str | None = UNSET,
@@ -65,7 +66,7 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, subpixel, left_right, uniqueness, texture, median, speckle, fill, threads, keep
+    cost, channels, subpixel, left_right, uniqueness, texture, sky, median, speckle, fill, threads, keep
         As in `Settings`.
 
     Returns
@@ -106,6 +107,7 @@ def match(
             ("left_right", left_right),
             ("uniqueness", uniqueness),
             ("texture", texture),
+            ("sky", sky),
             ("median", median),
             ("speckle", speckle),
             ("fill", fill),
@@ -163,7 +165,12 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 pixels.step
             )
             if chosen.texture is not None:
-                _refuse(gradient < chosen.texture, Flag.LOW_TEXTURE, disparity, confidence, flags)
+                least = (
+                    validate.texture_of_noise(noise.deviation(pixels.left) * pixels.step, chosen.cost.size)
+                    if chosen.texture == "auto"
+                    else chosen.texture
+                )
+                _refuse(gradient < least, Flag.LOW_TEXTURE, disparity, confidence, flags)
             if "texture" in chosen.keep:
                 stages["texture"] = gradient
     if "unfiltered" in chosen.keep:
@@ -174,6 +181,11 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
             _refuse(validate.speckle(disparity, *chosen.speckle), Flag.SPECKLE, disparity, confidence, flags)
+    if chosen.sky:
+        with _timed(timings, "sky"):
+            # Unchecked winners are of no use as witnesses against the sky.
+            matched = None if chosen.left_right is None else disparity
+            _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
     if chosen.fill is not None:
         with _timed(timings, "fill"):
             holes = np.isnan(disparity)

@@ -96,6 +96,23 @@ def texture(image: npt.NDArray[Any], window: tuple[int, int], threads: int = 0) 
     return mean
 
 
+def texture_of_noise(deviation: float, window: tuple[int, int]) -> float:
+    r"""The mean gradient that noise alone stays under: its expectation and three standard errors.
+
+    For independent Gaussian noise of deviation :math:`\sigma`, ``|I(x + 1) - I(x - 1)| / 2`` has the mean
+    :math:`\sigma / \sqrt{\pi}`, and its mean over n pixels the relative standard error
+    :math:`\sqrt{(\pi - 2) / n}`, if every second pixel of the window is counted as a repetition.
+
+    Parameters
+    ----------
+    deviation : float
+        Grey levels.
+    window : (width, height)
+    """
+    error = np.sqrt((np.pi - 2) / (window[0] * window[1]))
+    return float(deviation / np.sqrt(np.pi) * (1 + 3 * error))
+
+
 def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     """Regions too small to be believed.
 

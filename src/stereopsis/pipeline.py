@@ -42,6 +42,7 @@ def match(
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
     texture: float | str | None = UNSET,
+    reflection: float | None = UNSET,
     sky: bool = UNSET,
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
@@ -66,7 +67,8 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, subpixel, left_right, uniqueness, texture, sky, median, speckle, fill, threads, keep
+    cost, channels, subpixel, left_right, uniqueness, texture, reflection, sky, median, speckle, fill,
+    threads, keep
         As in `Settings`.
 
     Returns
@@ -107,6 +109,7 @@ def match(
             ("left_right", left_right),
             ("uniqueness", uniqueness),
             ("texture", texture),
+            ("reflection", reflection),
             ("sky", sky),
             ("median", median),
             ("speckle", speckle),
@@ -173,6 +176,10 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 _refuse(gradient < least, Flag.LOW_TEXTURE, disparity, confidence, flags)
             if "texture" in chosen.keep:
                 stages["texture"] = gradient
+    if chosen.reflection is not None:
+        with _timed(timings, "reflection"):
+            apart = validate.brightness(pixels.left, pixels.right, disparity, chosen.cost.size)
+            _refuse(apart > chosen.reflection, Flag.MISMATCHED, disparity, confidence, flags)
     if "unfiltered" in chosen.keep:
         stages["unfiltered"] = disparity.copy()
     if chosen.median is not None:

@@ -135,6 +135,9 @@ class Settings:
     texture : float, "auto" or None
         Least mean horizontal gradient over the support window, in grey levels a pixel. "auto": what noise
         alone would show, with the noise estimated from the left image. None: no check.
+    reflection : float or None
+        Largest difference of mean brightness between the windows of a match, in robust standard deviations of
+        that difference over the image. None: no check.
     sky : bool
         Recognise and refuse the sky of outdoor pairs. Walls that reach the image's top are told from it by
         their matches where `left_right` is on; else by the left image alone.
@@ -160,6 +163,7 @@ class Settings:
     left_right: float | None = None
     uniqueness: float | None = None
     texture: float | Literal["auto"] | None = None
+    reflection: float | None = None
     sky: bool = False
     median: int | None = None
     speckle: tuple[int, float] | None = None
@@ -308,7 +312,7 @@ def _checked(name: str, value: Any) -> Any:
         case "texture" if isinstance(value, str):
             if value != "auto":
                 raise refuse('a number of at least 0, "auto", or None')
-        case "left_right" | "uniqueness" | "texture":
+        case "left_right" | "uniqueness" | "texture" | "reflection":
             if value is not None and not (_is_number(value) and value >= 0):
                 raise refuse("a number of at least 0, or None")
             return None if value is None else float(value)

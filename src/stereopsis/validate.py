@@ -137,8 +137,8 @@ def brightness(
 
     References
     ----------
-    .. [1] D. N. Bhat, S. K. Nayar, Stereo and specular reflection, IJCV 26(2), 1998,
-       doi:10.1023/A:1007940725322.
+    .. [1] D. N. Bhat, S. K. Nayar, Stereo in the presence of specular reflection, ICCV 1995,
+       doi:10.1109/ICCV.1995.466813.
     """
     apart = np.zeros(disparity.shape, np.float32)
     y, x = np.nonzero(np.isfinite(disparity))

@@ -1,9 +1,12 @@
 """Measure what finds the pixels that cannot be matched; print tables that can be pasted into a page.
 
 python benchmarks/invalid.py flags [--seeds N]
+python benchmarks/invalid.py refusals FOLDER... [--pairs N]
 python benchmarks/invalid.py confidence FOLDER... [--pairs N]
 
 "flags": precision (P) and recall (R) of each flag on rendered streets, whose truth is exact.
+"refusals": of the pixels of a pair whose truth is known (the sky's is not), the share that each check alone
+refuses, and the share of those that plain matching gets wrong by more than 1 and 3 px.
 "confidence": the plain winners of a pair (zncc 25 x 9, 0:128, no check) are removed in the order of
 each confidence; the area under the curve of what remains. Every number is a mean, over the seeds or over the
 pairs, and its standard deviation.
@@ -40,6 +43,16 @@ OPTIONS: Mapping[str, dict[str, float | bool]] = {
     "exposure 0.7": {"exposure": 0.7},
 }
 GLOSS = (0.0, 0.3, 0.6)
+CHECKS: Mapping[str, tuple[st.Flag, dict[str, Any]]] = {
+    "left_right 1, occluded": (st.Flag.OCCLUDED, {"left_right": 1}),
+    "left_right 1, mismatched": (st.Flag.MISMATCHED, {"left_right": 1}),
+    "uniqueness 2": (st.Flag.AMBIGUOUS, {"uniqueness": 2}),
+    "texture 0.3": (st.Flag.LOW_TEXTURE, {"texture": 0.3}),
+    "texture auto": (st.Flag.LOW_TEXTURE, {"texture": "auto"}),
+    "reflection 4": (st.Flag.MISMATCHED, {"reflection": 4}),
+    "reflection 8": (st.Flag.MISMATCHED, {"reflection": 8}),
+    "sky": (st.Flag.SKY, {"preset": "fast", "sky": True}),
+}
 MEASURES = ("bad-1", "bad-3", "epe")
 
 
@@ -48,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.what == "flags":
         print(flags(options.seeds))
     else:
-        print("\n\n".join(confidences(folder, options.pairs) for folder in options.folders))
+        tables = {"refusals": refusals, "confidence": confidences}[options.what]
+        print("\n\n".join(tables(folder, options.pairs) for folder in options.folders))
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -57,9 +71,10 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     what = parser.add_subparsers(dest="what", required=True)
     of_flags = what.add_parser("flags")
     of_flags.add_argument("--seeds", type=int, default=4, metavar="N", help="streets 0 ... N - 1")
-    of_confidence = what.add_parser("confidence")
-    of_confidence.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
-    of_confidence.add_argument("--pairs", type=int, metavar="N", help="the first N of each; default all")
+    for name in ("refusals", "confidence"):
+        of_pairs = what.add_parser(name)
+        of_pairs.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
+        of_pairs.add_argument("--pairs", type=int, metavar="N", help="the first N of each; default all")
     return parser.parse_args(arguments)
 
 
@@ -171,6 +186,29 @@ def rates(found: Bools, truth: Bools) -> tuple[float, float]:
     """Precision and recall; NaN where there is nothing to find, or nothing found."""
     both = float((found & truth).sum())
     return tuple(both / n if n else np.nan for n in (int(found.sum()), int(truth.sum())))  # type: ignore[return-value]
+
+
+# ---- checks on real pairs -------------------------------------------------------------------------
+
+
+def refusals(folder: Path, pairs: int | None) -> str:
+    dataset = datasets.open(folder)
+    rows: Table = {}
+    for number, sample in enumerate(dataset[:pairs] if pairs else dataset, start=1):
+        report(f"{dataset.name} {number}")
+        pair, truth, mask = sample.pair(), sample.truth(), sample.mask()
+        assert truth is not None
+        known = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
+        plain = st.match(pair, cost=st.ZNCC(WINDOW), disparities=(0, 128))
+        error = np.abs(plain.disparity - truth)[known]
+        rows.setdefault("none", []).append((1.0, float(np.mean(error > 1)), float(np.mean(error > 3))))
+        for name, (flag, check) in CHECKS.items():
+            result = st.match(pair, **{"cost": st.ZNCC(WINDOW), "disparities": (0, 128), **check})
+            found = flagged(result, flag)[known]
+            wrong = (float(np.mean(error[found] > bound)) if found.any() else np.nan for bound in (1, 3))
+            rows.setdefault(name, []).append((float(found.mean()), *wrong))
+    report("")
+    return table(f"{dataset.name}, {len(rows['none'])} pairs", ["refused", "bad-1", "bad-3"], rows)
 
 
 # ---- confidence on real pairs --------------------------------------------------------------------

@@ -455,6 +455,20 @@ NB_MODULE(_core, m) {
     run(1, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), workers); });
   });
 
+  m.def("flood", [](const Array<const uint8_t, 2>& relief, const Array<uint8_t, 2>& out) {
+    const int H = relief.shape(0), W = relief.shape(1);
+    require_shape(out, H, W);
+    run(1, [&](const Workers& workers) { flood(relief.data(), H, W, out.data(), workers); });
+  });
+
+  m.def("label", [](const Array<const uint8_t, 2>& inside, const Array<int32_t, 2>& out) {
+    const int H = inside.shape(0), W = inside.shape(1);
+    require_shape(out, H, W);
+    int count = 0;
+    run(1, [&](const Workers& workers) { count = label(inside.data(), H, W, out.data(), workers); });
+    return count;
+  });
+
   m.def("median", [](const Array<const float, 2>& disparity, int size, const Array<float, 2>& out, int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     require(1 <= size && size <= 255, "size runs from 1 to 255");

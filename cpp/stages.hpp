@@ -157,6 +157,11 @@ void texture(const int32_t* image, int height, int width, int channels, const Wi
 // Sets `speckle` where a 4-connected region, in which neighbours differ by at most `difference`, has fewer than `area` pixels.
 void speckle(const float* disparity, int height, int width, int area, float difference, uint8_t* speckle,
              const Workers& workers);
+// How high a flood from above the first row has to rise to reach each pixel: over all 4-connected paths from the first row,
+// the least of the path's highest relief.
+void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);
+// Numbers the 4-connected regions of `inside` 1, 2, ... in the order of their first pixels; 0 outside. Returns how many.
+int label(const uint8_t* inside, int height, int width, int32_t* region, const Workers& workers);
 
 // ---- refine ----------------------------------------------------------------------------------------------------------
 // Median over a size x size window of the pixels that have a value; pixels without one stay without.

@@ -64,4 +64,59 @@ void speckle(const float* disparity, int height, int width, int area, float diff
   });
 }
 
+void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers) {
+  // The water rises a level at a time; `front[k]` holds the pixels that it reaches at level k, so that the whole is linear.
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    std::vector<uint8_t> reached(static_cast<size_t>(height) * width);
+    std::vector<std::vector<int>> front(256);
+    const auto reach = [&](int at, int water) {
+      if (reached[at]) return;
+      reached[at] = 1;
+      level[at] = static_cast<uint8_t>(std::max<int>(relief[at], water));
+      front[level[at]].push_back(at);
+    };
+    for (int x = 0; x < width && height > 0; ++x) reach(x, 0);
+    for (int water = 0; water < 256; ++water) {
+      // A level's own front grows while it is gone through.
+      for (size_t k = 0; k < front[water].size(); ++k) {
+        if (k % 4096 == 0 && cancel.load(std::memory_order_relaxed)) return;
+        const int at = front[water][k], x = at % width;
+        if (x > 0) reach(at - 1, water);
+        if (x + 1 < width) reach(at + 1, water);
+        if (at >= width) reach(at - width, water);
+        if (at + width < height * width) reach(at + width, water);
+      }
+      std::vector<int>().swap(front[water]);
+    }
+  });
+}
+
+int label(const uint8_t* inside, int height, int width, int32_t* region, const Workers& workers) {
+  int count = 0;
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    std::fill(region, region + static_cast<size_t>(height) * width, 0);
+    std::vector<int> open;
+    for (int start = 0; start < height * width; ++start) {
+      if (start % width == 0 && cancel.load(std::memory_order_relaxed)) return;
+      if (!inside[start] || region[start]) continue;
+      const auto visit = [&](int at) {
+        if (!inside[at] || region[at]) return;
+        region[at] = count;
+        open.push_back(at);
+      };
+      ++count;
+      visit(start);
+      while (!open.empty()) {
+        const int at = open.back(), x = at % width;
+        open.pop_back();
+        if (x > 0) visit(at - 1);
+        if (x + 1 < width) visit(at + 1);
+        if (at >= width) visit(at - width);
+        if (at + width < height * width) visit(at + width);
+      }
+    }
+  });
+  return count;
+}
+
 }  // namespace stereopsis

@@ -167,6 +167,8 @@ class TestMatch:
         "left_right": ("2", 2.0),
         "uniqueness": ("off", None),
         "texture": ("1.5", 1.5),
+        "reflection": ("6", 6.0),
+        "sky": ("on", True),
         "median": ("5", 5),
         "speckle": ("50,2", [50, 2.0]),
         "fill": ("background", "background"),

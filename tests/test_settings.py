@@ -37,7 +37,9 @@ any_settings = some.builds(
     subpixel=some.sampled_from([None, "parabola", "equiangular"]),
     left_right=numbers,
     uniqueness=numbers,
-    texture=numbers,
+    texture=numbers | some.just("auto"),
+    reflection=numbers,
+    sky=some.booleans(),
     median=some.none() | some.integers(0, 127).map(lambda half: 2 * half + 1),
     speckle=some.none()
     | some.integers(0, 10**6)

@@ -722,6 +722,61 @@ void test_speckle() {
   }
 }
 
+void test_flood() {
+  Random random{23};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 9), W = random.between(1, 9);
+    std::vector<uint8_t> relief, level(static_cast<size_t>(H) * W);
+    for (int k = 0; k < H * W; ++k) relief.push_back(static_cast<uint8_t>(random.below(4) ? random.below(6) : 250 + random.below(6)));
+    flood(relief.data(), H, W, level.data(), kAlone);
+    // Levels fall until nothing changes any more.
+    std::vector<int> lowest(relief.begin(), relief.end());
+    for (int k = W; k < H * W; ++k) lowest[k] = 256;
+    for (bool changed = true; changed;) {
+      changed = false;
+      for (int k = 0; k < H * W; ++k)
+        for (const int next : {k % W ? k - 1 : k, (k + 1) % W ? k + 1 : k, k >= W ? k - W : k, k + W < H * W ? k + W : k}) {
+          const int over = std::max<int>(relief[k], lowest[next]);
+          if (over < lowest[k]) {
+            lowest[k] = over;
+            changed = true;
+          }
+        }
+    }
+    CHECK(std::equal(level.begin(), level.end(), lowest.begin()), text(H) + "x" + text(W));
+  }
+}
+
+void test_label() {
+  Random random{24};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 9), W = random.between(1, 9);
+    std::vector<uint8_t> inside;
+    for (int k = 0; k < H * W; ++k) inside.push_back(random.below(5) > 1);
+    std::vector<int32_t> region(inside.size(), -7);
+    const int count = label(inside.data(), H, W, region.data(), kAlone);
+    // The first pixel of each region spreads until nothing changes any more.
+    std::vector<int> first(inside.size());
+    for (int k = 0; k < H * W; ++k) first[k] = k;
+    for (bool changed = true; changed;) {
+      changed = false;
+      for (int k = 0; k < H * W; ++k)
+        for (const int next : {k % W ? k - 1 : k, (k + 1) % W ? k + 1 : k, k >= W ? k - W : k, k + W < H * W ? k + W : k})
+          if (inside[k] && inside[next] && first[next] < first[k]) {
+            first[k] = first[next];
+            changed = true;
+          }
+    }
+    bool right = true;
+    int regions = 0;
+    for (int k = 0; k < H * W; ++k) {
+      if (inside[k] && first[k] == k) ++regions;
+      right = right && region[k] == (!inside[k] ? 0 : first[k] == k ? regions : region[first[k]]);
+    }
+    CHECK(right && count == regions, text(H) + "x" + text(W));
+  }
+}
+
 void test_median() {
   Random random{10};
   for (int round = 0; round < 60; ++round) {
@@ -1176,6 +1231,8 @@ int main() {
   timed("solvers are interrupted", test_solvers_are_interrupted);
   timed("texture", test_texture);
   timed("speckle", test_speckle);
+  timed("flood", test_flood);
+  timed("label", test_label);
   timed("median", test_median);
   timed("refinement from the images", test_refinement_from_images);
   timed("ties", test_ties_go_to_the_first_candidate);

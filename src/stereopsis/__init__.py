@@ -27,6 +27,7 @@ from stereopsis.optimize import (
 )
 from stereopsis.pipeline import estimate_disparities, match
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
+from stereopsis.sparsification import Sparsification, sparsification
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.types import Calibration, Disparities, Flag, Pair, Result
 
@@ -58,6 +59,7 @@ __all__ = [
     "SecondPass",
     "Settings",
     "Smoothness",
+    "Sparsification",
     "Swap",
     "datasets",
     "depth",
@@ -74,6 +76,7 @@ __all__ = [
     "read_image",
     "read_pair",
     "scenes",
+    "sparsification",
     "write_disparity",
     "write_image",
     "write_ply",

@@ -215,7 +215,7 @@ def evaluate(disparity: FloatMap, truth: FloatMap, mask: Mask | None = None) -> 
     >>> scores.known, scores.answered, scores.own.epe, scores.all.within_1 == 1 / 3
     (3, 2, 2.25, True)
     """
-    known = _known(disparity, truth, mask)
+    known = known_pixels(disparity, truth, mask)
     target = truth[known].astype(np.float64)
     errors = _errors(disparity[known], target)
     answered = np.isfinite(disparity[known])
@@ -266,7 +266,7 @@ def error_map(
     M. Harrower, C. A. Brewer: ColorBrewer.org. The Cartographic Journal 2003,
     doi:10.1179/000870403235002042.
     """
-    known = _known(disparity, truth, mask)
+    known = known_pixels(disparity, truth, mask)
     if not isinstance(grow, int):
         raise TypeError(f"grow must be an int, not {type(grow).__name__}")
     if grow < 0:
@@ -297,17 +297,17 @@ def _grow(picture: npt.NDArray[np.uint8], known: Mask, reach: int) -> None:
         known = known | new
 
 
-def _known(disparity: FloatMap, truth: FloatMap, mask: Mask | None) -> Mask:
-    """Check the arguments and find the pixels that count."""
-    for name, value in (("disparity", disparity), ("truth", truth)):
+def known_pixels(disparity: FloatMap, truth: FloatMap, mask: Mask | None, name: str = "disparity") -> Mask:
+    """Check the arguments, the first of which messages call `name`, and find the pixels that count."""
+    for argument, value in ((name, disparity), ("truth", truth)):
         if not isinstance(value, np.ndarray):
-            raise TypeError(f"{name} must be an array, not {type(value).__name__}")
+            raise TypeError(f"{argument} must be an array, not {type(value).__name__}")
         if value.dtype not in (np.float32, np.float64):
-            raise TypeError(f"{name} must be float32 or float64, in pixels, not {value.dtype}")
+            raise TypeError(f"{argument} must be float32 or float64, in pixels, not {value.dtype}")
         if value.ndim != 2:
-            raise ValueError(f"{name} must be (H, W), not of shape {value.shape}")
+            raise ValueError(f"{argument} must be (H, W), not of shape {value.shape}")
     if disparity.shape != truth.shape:
-        raise ValueError(f"disparity and truth must have one shape, not {disparity.shape} and {truth.shape}")
+        raise ValueError(f"{name} and truth must have one shape, not {disparity.shape} and {truth.shape}")
     if mask is None:
         return np.isfinite(truth)
     if not isinstance(mask, np.ndarray):

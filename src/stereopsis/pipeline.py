@@ -18,10 +18,12 @@ from stereopsis import (
     aggregate,
     cost,
     fill,
+    noise,
     optimize,
     refine,
     select,
     settings,
+    sky,
     slant,
     upsample,
     validate,
@@ -62,7 +64,9 @@ def match(
     upsample: tuple[int, str] | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
-    texture: float | None = UNSET,
+    texture: float | str | None = UNSET,
+    reflection: float | None = UNSET,
+    sky: bool = UNSET,
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
     fill: str | None = UNSET,
@@ -90,7 +94,7 @@ def match(
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
     cost, channels, slant, extra_windows, optimize, subpixel, refine_window, upsample, left_right
         As in `Settings`.
-    uniqueness, texture, median, speckle, fill, step, disparity_step, threads, keep
+    uniqueness, texture, reflection, sky, median, speckle, fill, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -136,6 +140,8 @@ def match(
             ("left_right", left_right),
             ("uniqueness", uniqueness),
             ("texture", texture),
+            ("reflection", reflection),
+            ("sky", sky),
             ("median", median),
             ("speckle", speckle),
             ("fill", fill),
@@ -203,12 +209,21 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 pixels.step
             )
             if chosen.texture is not None:
-                _refuse(gradient < chosen.texture, Flag.LOW_TEXTURE, disparity, confidence, flags)
+                least = (
+                    validate.texture_of_noise(noise.deviation(pixels.left) * pixels.step, chosen.cost.size)
+                    if chosen.texture == "auto"
+                    else chosen.texture
+                )
+                _refuse(gradient < least, Flag.LOW_TEXTURE, disparity, confidence, flags)
             if "texture" in chosen.keep:
                 stages["texture"] = gradient
     if chosen.subpixel in FROM_IMAGES:
         with _timed(timings, "subpixel"):
             disparity = _refined(pixels, chosen, disparity)
+    if chosen.reflection is not None:
+        with _timed(timings, "reflection"):
+            apart = validate.brightness(pixels.left, pixels.right, disparity, chosen.cost.size)
+            _refuse(apart > chosen.reflection, Flag.MISMATCHED, disparity, confidence, flags)
     if "unfiltered" in chosen.keep:
         stages["unfiltered"] = disparity.copy()
     if chosen.median is not None:
@@ -217,6 +232,11 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
             _refuse(validate.speckle(disparity, *chosen.speckle), Flag.SPECKLE, disparity, confidence, flags)
+    if chosen.sky:
+        with _timed(timings, "sky"):
+            # Unchecked winners are of no use as witnesses against the sky.
+            matched = None if chosen.left_right is None else disparity
+            _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
     if chosen.fill is not None:
         with _timed(timings, "fill"):
             holes = np.isnan(disparity)

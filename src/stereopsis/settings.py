@@ -164,8 +164,15 @@ class Settings:
     uniqueness : float or None
         In percent: the winner is ambiguous where another candidate, not next to it, costs at most this much
         more. Costs are counted from a perfect match, so correlations as ``1 - correlation``. None: no check.
-    texture : float or None
-        Least mean horizontal gradient over the support window, in grey levels a pixel. None: no check.
+    texture : float, "auto" or None
+        Least mean horizontal gradient over the support window, in grey levels a pixel. "auto": what noise
+        alone would show, with the noise estimated from the left image. None: no check.
+    reflection : float or None
+        Largest difference of mean brightness between the windows of a match, in robust standard deviations of
+        that difference over the image. None: no check.
+    sky : bool
+        Recognise and refuse the sky of outdoor pairs. Walls that reach the image's top are told from it by
+        their matches where `left_right` is on; else by the left image alone.
     median : int or None
         Side of the median filter's window in pixels, odd.
     speckle : tuple of (int, float) or None
@@ -200,7 +207,9 @@ class Settings:
     upsample: tuple[int, str] | None = None
     left_right: float | None = None
     uniqueness: float | None = None
-    texture: float | None = None
+    texture: float | Literal["auto"] | None = None
+    reflection: float | None = None
+    sky: bool = False
     median: int | None = None
     speckle: tuple[int, float] | None = None
     fill: Literal["background"] | None = None
@@ -438,10 +447,17 @@ def _checked(name: str, value: Any) -> Any:
             if not (_is_int(factor) and 2 <= factor <= 16 and how in INTERPOLATIONS):
                 raise refuse(f"(factor from 2 to 16, one of {', '.join(INTERPOLATIONS)}), or None")
             return int(factor), str(how)
-        case "left_right" | "uniqueness" | "texture":
+        case "texture" if isinstance(value, str):
+            if value != "auto":
+                raise refuse('a number of at least 0, "auto", or None')
+        case "left_right" | "uniqueness" | "texture" | "reflection":
             if value is not None and not (_is_number(value) and value >= 0):
                 raise refuse("a number of at least 0, or None")
             return None if value is None else float(value)
+        case "sky":
+            if value is not None and not isinstance(value, bool):
+                raise refuse("True or False")
+            return bool(value)
         case "median":
             if value is not None and not (_is_int(value) and 1 <= value <= MAX_WINDOW and value % 2):
                 raise refuse(f"an odd number from 1 to {MAX_WINDOW}, or None")
@@ -577,6 +593,12 @@ def _from_text(name: str, text: str) -> Any:
             return tuple(part.strip() for part in text.split(",") if part.strip())
         case "speckle":
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
+        case "texture" if text == "auto":
+            return text
+        case "sky":
+            if text.lower() not in ("on", "true"):
+                raise ValueError(f"sky must be on or off, not {text!r}")
+            return True
         case _:
             return number(text)
 

@@ -31,7 +31,8 @@ class Flag(enum.IntFlag):
     """The left-right check failed, and no pixel of the right view answers on this line: seen by the left
     camera alone."""
     MISMATCHED = 2
-    """The left-right check failed, though the right view has an answer that would agree: a wrong match."""
+    """The left-right check failed, though the right view has an answer that would agree: a wrong match. Or
+    the matched windows differ in brightness: a reflection."""
     AMBIGUOUS = 4
     """A second candidate, not next to the winner, matches almost as well (uniqueness)."""
     LOW_TEXTURE = 8

@@ -149,6 +149,83 @@ def texture(image: npt.NDArray[Any], window: tuple[int, int], threads: int = 0) 
     return mean
 
 
+def texture_of_noise(deviation: float, window: tuple[int, int]) -> float:
+    r"""The mean gradient that noise alone stays under: its expectation and three standard errors.
+
+    For independent Gaussian noise of deviation :math:`\sigma`, ``|I(x + 1) - I(x - 1)| / 2`` has the mean
+    :math:`\sigma / \sqrt{\pi}`, and its mean over n pixels the relative standard error
+    :math:`\sqrt{(\pi - 2) / n}`, if every second pixel of the window is counted as a repetition.
+
+    Parameters
+    ----------
+    deviation : float
+        Grey levels.
+    window : (width, height)
+    """
+    error = np.sqrt((np.pi - 2) / (window[0] * window[1]))
+    return float(deviation / np.sqrt(np.pi) * (1 + 3 * error))
+
+
+def brightness(
+    left: npt.NDArray[Any], right: npt.NDArray[Any], disparity: DisparityMap, window: tuple[int, int]
+) -> npt.NDArray[np.float32]:
+    r"""How far the windows of a match differ in mean brightness, beyond what the whole image's do.
+
+    A line :math:`\bar L = a \bar R + b` is fitted to the window means of all matches by least squares, twice:
+    the second time without those more than three deviations off. Dull surfaces lie on it, whatever the gains
+    of the cameras; what a camera sees mirrored or glaring at one place, the other sees elsewhere [1]_.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8 or int32, (H, W, C)
+    disparity : ndarray of float32, (H, W)
+        NaN where refused.
+    window : (width, height)
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+        :math:`|\bar L - a \bar R - b|` in robust standard deviations, 1.4826 times its median over the
+        matches, which is at least one grey level in 255 of the brightest window; 0 where there is no match.
+
+    References
+    ----------
+    .. [1] D. N. Bhat, S. K. Nayar, Stereo in the presence of specular reflection, ICCV 1995,
+       doi:10.1109/ICCV.1995.466813.
+    """
+    apart = np.zeros(disparity.shape, np.float32)
+    y, x = np.nonzero(np.isfinite(disparity))
+    if not x.size:
+        return apart
+    there = np.clip(
+        np.rint(x - disparity[y, x].astype(np.float64)).astype(np.int64), 0, disparity.shape[1] - 1
+    )
+    ours, theirs = _mean(left, window)[y, x], _mean(right, window)[y, there]
+    kept = np.ones(x.size, bool)
+    for _ in range(2):
+        a, b = ours[kept], theirs[kept]
+        spread = np.mean((b - b.mean()) ** 2)
+        gain = np.mean((a - a.mean()) * (b - b.mean())) / spread if spread > 0 else 1.0
+        residual = np.abs(ours - a.mean() - gain * (theirs - b.mean()))
+        deviation = max(1.4826 * float(np.median(residual)), float(np.abs(ours).max()) / 255)
+        if deviation == 0:
+            return apart
+        kept = residual <= 3 * deviation
+    apart[y, x] = residual / deviation
+    return apart
+
+
+def _mean(image: npt.NDArray[Any], window: tuple[int, int]) -> npt.NDArray[np.float64]:
+    """Over the window and the channels, edge pixels repeated; from exact sums."""
+    sums: npt.NDArray[Any] = image.sum(axis=2, dtype=np.int64)
+    for size in window:
+        # Along the columns, then, turned over, along the rows.
+        reach = ((0, 0), (size // 2 + 1, size - 1 - size // 2))
+        run = np.cumsum(np.pad(sums, reach, "edge"), axis=1)
+        sums = (run[:, size:] - run[:, :-size]).T
+    return sums / np.float64(window[0] * window[1] * image.shape[2])
+
+
 def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     """Regions too small to be believed.
 

@@ -33,7 +33,12 @@ KEPT = next(
 )
 STREETS = DATA / "drivingstereo"
 FULL = os.environ.get("STEREOPSIS_FULL", "0") not in ("", "0")
-QUICK = {(method, window) for method in METHODS for window in ("5", "30")} | {("zncc_gaussian", "15")}
+QUICK = {(method, "30") for method in METHODS} | {
+    ("ssd", "15"),
+    ("zssd", "5"),
+    ("zncc", "5"),
+    ("zncc_gaussian", "5"),
+}
 
 CLEAN = Quirks()
 ROLLED = Quirks(right_frame=True, wraps=True)

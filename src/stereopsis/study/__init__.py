@@ -1,0 +1,1 @@
+"""The report's experiment: repeated to the last digit, taken apart, and put right."""

@@ -97,22 +97,27 @@ def run(plan: Plan, folder: Path, workers: int = 1, progress: Progress | None = 
     version = program()
     digests, unreadable = _digests([task.source for task in plan.tasks])
     keys = {task: _key(version, digests[task.source], task) for task in plan.tasks if task.source in digests}
+    same: dict[str, list[Task]] = {}
+    for task, key in keys.items():
+        same.setdefault(key, []).append(task)
     with Journal(folder / JOURNAL) as journal:
-        found = {task: journal.rows[key] for task, key in keys.items() if key in journal.rows}
-        waiting = [task for task in keys if task not in found]
-        total, finished = len(keys), len(found)
-        rows = {task: Done(task, row, seconds, True) for task, (row, seconds) in found.items()}
+        found = {key: journal.rows[key] for key in same if key in journal.rows}
+        waiting = {tasks[0]: tasks for key, tasks in same.items() if key not in found}
+        rows = {
+            task: Done(task, row, seconds, True)
+            for key, (row, seconds) in found.items()
+            for task in same[key]
+        }
         failures: dict[Task, Failed] = {}
-        report(finished, total, "")
-        with _workers(workers, waiting, digests) as answers:
+        report(len(rows), len(keys), "")
+        with _workers(workers, tuple(waiting), digests) as answers:
             for task, answer, seconds in answers:
-                finished += 1
                 if isinstance(answer, Failed):
-                    failures[task] = answer
+                    failures |= dict.fromkeys(waiting[task], answer)
                 else:
                     journal.append(keys[task], answer, seconds)
-                    rows[task] = Done(task, answer, seconds)
-                report(finished, total, f"{task.source.name} · {task.setting.setting}")
+                    rows |= {each: Done(each, answer, seconds) for each in waiting[task]}
+                report(len(rows) + len(failures), len(keys), f"{task.source.name}, {task.setting.setting}")
     done = [rows[task] for task in plan.tasks if task in rows]
     failed = [*unreadable, *dict.fromkeys(failures[task] for task in plan.tasks if task in failures)]
     return Outcome(done, failed)

@@ -17,12 +17,6 @@ from stereopsis.study.pairs import Source
 PARTS: Final = ("published", "ablation", *methods.PARTS, "synthetic")
 """The experiments. "synthetic" runs those of "sweep" and "presets" on rendered streets in all weathers."""
 
-TABLES: Final = {
-    "I_smoothed_zncc_30": ("zncc_smoothed", 30),
-    "II_zncc_gaussian_15": ("zncc_gaussian", 15),
-}
-"""The report's two tables: the published method and its window."""
-
 
 @dataclass(frozen=True)
 class Study:
@@ -219,7 +213,7 @@ def _on_data(study: Study, *, first: bool) -> Iterable[Setting]:
             if method.part == "sweep" and methods.WINDOW not in study.windows:
                 yield corrected(method, methods.WINDOW)
     if study.wants("published"):
-        chosen_by_report = tuple(TABLES.values())
+        chosen_by_report = tuple(published.TABLES.values())
         for name, window in chosen_by_report:
             yield quirky(name, window)
         if first and not study.tables_only:
@@ -229,7 +223,7 @@ def _on_data(study: Study, *, first: bool) -> Iterable[Setting]:
                         yield quirky(name, window)
     if study.wants("ablation"):
         for case, name, window, quirks in ablation.ablation_cases():
-            yield Quirky(name, window, f"ablation: {case}", quirks, "ablation")
+            yield Quirky(name, window, ablated(case, name, window), quirks, "ablation")
 
 
 def _synthetic(study: Study) -> Iterable[Setting]:
@@ -243,6 +237,11 @@ def corrected(method: methods.Method, window: int) -> Corrected:
     return Corrected(
         method.name, window if method.windowed else None, method.setting(window), method.settings(window)
     )
+
+
+def ablated(case: str, method: str, window: int) -> str:
+    """What the table of results calls a case of the ablation."""
+    return f"ablation: {method}-{window}, {case}"
 
 
 def quirky(method: str, window: int) -> Quirky:

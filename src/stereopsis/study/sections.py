@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from stereopsis.study import ablation, methods
+from stereopsis.study import ablation, methods, published
 from stereopsis.study.figures import Panel, Series, bars, lines, scatter
 from stereopsis.study.measure import BINS, KEPT, MEASURES, STRATA
 from stereopsis.study.methods import WINDOW, Method
 from stereopsis.study.pairs import WEATHER
-from stereopsis.study.plan import TABLES, Study
+from stereopsis.study.plan import Study, ablated
 from stereopsis.study.tables import (
     LABELS,
     NOTHING,
@@ -86,7 +86,7 @@ def summary(report: Report) -> Section | None:
     """The report's algorithms beside the corrected ones."""
     algorithms = [
         (f"Algorithm {n}, as published", f"published: {method}-{window}")
-        for n, (method, window) in enumerate(TABLES.values(), 1)
+        for n, (method, window) in enumerate(published.TABLES.values(), 1)
     ]
     settings = [
         *algorithms,
@@ -128,7 +128,7 @@ def as_published(report: Report) -> Section | None:
         "as printed": printed(rows, as_printed=True),
         "mean of all pairs": printed(rows, as_printed=False),
     }
-    for name, (method, window) in TABLES.items():
+    for name, (method, window) in published.TABLES.items():
         if name in found["as printed"]:
             lines_ = tuple(
                 (Cell(label), *(Cell(number(v, c)) for v, c in zip(values[name], MEASURES, strict=True)))
@@ -205,16 +205,32 @@ def published_label(method: str) -> str:
 
 def the_ablation(report: Report) -> Section | None:
     """Each quirk of the published protocol switched off."""
-    rows = report.rows
-    cases = [(name, f"ablation: {name}") for name, *_ in ablation.ablation_cases()]
-    present = [(name, setting) for name, setting in cases if rows.has(setting)]
-    if len(present) < 2:
+    groups: dict[tuple[str, int], list[tuple[str, str]]] = {}
+    for case, method, window, _ in ablation.ablation_cases():
+        setting = ablated(case, method, window)
+        if report.rows.has(setting):
+            groups.setdefault((method, window), []).append((case, setting))
+    tables: list[Table] = []
+    figures: list[Figure] = []
+    for (method, window), cases in groups.items():
+        if len(cases) > 1:
+            made = _ablated(report.rows, f"{published_label(method)}, window {window}", cases)
+            tables += made[0]
+            figures.append(made[1])
+    if not tables:
         return None
-    (base_name, base), others = present[0], present[1:]
-    absolute = compare("Measures under each protocol, mean over pairs with its interval", rows, present)
-    assert absolute is not None
+    prose = (
+        "From the published protocol on, one quirk is switched off at a time, then all of them. What a "
+        "quirk costs on its own need not add up: they act on the same pixels.",
+    )
+    return Section("ablation", "Ablation: what each mistake costs", prose, tuple(tables), tuple(figures))
+
+
+def _ablated(rows: Rows, label: str, cases: Sequence[tuple[str, str]]) -> tuple[list[Table], Figure]:
+    """One method's ablation: changes, absolute values, and the changes of each pair."""
+    (base_name, base), *others = cases
     changes = Table(
-        f"Change against “{base_name}”, pair by pair",
+        f"{label}: change against “{base_name}”, pair by pair",
         ("", *(LABELS[c] for c in MEASURES)),
         tuple(
             (Cell(name), *(cell(rows.change(setting, base, c), c, signed=True) for c in MEASURES))
@@ -223,46 +239,31 @@ def the_ablation(report: Report) -> Section | None:
         "Mean over pairs, and the interval that holds 95 % of the means of resampled pairs. An interval "
         "without 0 is a change that does not hang on which pairs there are.",
     )
-    pairs = sorted(rows.values(base, "within_1"))
-    each = tuple(
-        Table(
-            f"Pair by pair: change of {LABELS[column]}",
-            ("pair", *(name for name, _ in others)),
-            tuple(
-                (
-                    Cell(pair),
-                    *(
-                        Cell(
-                            number(found[pair] - before[pair], column, signed=True)
-                            if pair in found
-                            else NOTHING
-                        )
-                        for found in (rows.values(setting, column) for _, setting in others)
-                    ),
-                )
-                for pair in pairs
-            ),
+    absolute = compare(f"{label}: measures under each protocol", rows, cases)
+    tables = [changes, *([absolute] if absolute else [])]
+    for column in ("within_1", "rmse"):
+        before = rows.values(base, column)
+        after = [rows.values(setting, column) for _, setting in others]
+        each = tuple(
+            (
+                Cell(pair),
+                *(
+                    Cell(
+                        number(found[pair] - before[pair], column, signed=True) if pair in found else NOTHING
+                    )
+                    for found in after
+                ),
+            )
+            for pair in before
         )
-        for column in ("within_1", "rmse")
-        for before in [rows.values(base, column)]
-    )
+        head = ("pair", *(name for name, _ in others))
+        tables.append(Table(f"{label}: change of {LABELS[column]}, each pair", head, each))
+    names, settings = zip(*others, strict=True)
     panels = tuple(
-        bars(
-            [name for name, _ in others],
-            [_changes(rows, [setting for _, setting in others], base, column)],
-            f"change of {'pixels within 1 px' if column == 'within_1' else 'RMSE (px)'}",
-            percent=column == "within_1",
-        )
-        for column in ("within_1", "rmse")
+        bars(names, [_changes(rows, settings, base, column)], axis, percent=column == "within_1")
+        for column, axis in (("within_1", "change of pixels within 1 px"), ("rmse", "change of RMSE (px)"))
     )
-    prose = (
-        f"From “{base_name}” on, one quirk is switched off at a time, then all of them. What a quirk costs "
-        "on its own need not add up: they act on the same pixels.",
-    )
-    figure = Figure("What each quirk does to the fraction within 1 px and to the RMSE.", panels)
-    return Section(
-        "ablation", "Ablation: what each mistake costs", prose, (changes, absolute, *each), (figure,)
-    )
+    return tables, Figure(f"{label}: what switching off each quirk changes.", panels)
 
 
 def windows(report: Report) -> Section | None:

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis.io.atomic import write_bytes
+from stereopsis.study import published
 from stereopsis.study.job import Done
 from stereopsis.study.measure import COLUMNS, MEASURES
-from stereopsis.study.plan import TABLES
 
 IDENTITY: Final = ("group", "condition", "pair", "protocol", "setting", "method", "window")
 RESAMPLES: Final = 2000
@@ -80,6 +80,10 @@ class Rows:
     def has(self, setting: str, group: str = "data") -> bool:
         """Whether any pair of the group was measured with the setting."""
         return (group, setting) in self._of
+
+    def each(self, setting: str, group: str = "data") -> list[Mapping[str, float]]:
+        """The whole row of each pair, in the study's order."""
+        return list(self._of.get((group, setting), {}).values())
 
     def values(
         self, setting: str, column: str, group: str = "data", condition: str | None = None
@@ -194,12 +198,12 @@ def printed(rows: Rows, *, as_printed: bool) -> dict[str, list[float]]:
 
     As printed, the sum leaves the last pair out and is still divided by the number of all of them.
     """
+    quirks = published.PUBLISHED if as_printed else published.Quirks()
     tables = {}
-    for name, (method, window) in TABLES.items():
-        columns = [list(rows.values(f"published: {method}-{window}", column).values()) for column in MEASURES]
-        if all(columns):
-            # Added one by one, as the experiment did.
-            tables[name] = [sum(values[:-1] if as_printed else values) / len(values) for values in columns]
+    for name, (method, window) in published.TABLES.items():
+        pairs = rows.each(f"published: {method}-{window}")
+        if pairs:
+            tables[name] = [published.average(pairs, quirks)[column] for column in MEASURES]
     return tables
 
 

@@ -83,10 +83,11 @@ class _Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
-    def invoke(self, ctx: click.Context) -> None:
+    def invoke(self, ctx: click.Context) -> Any:
         try:
-            super().invoke(ctx)
+            code = super().invoke(ctx)
             sys.stdout.flush()
+            return code
         except KeyboardInterrupt:
             print("stereopsis: interrupted", file=sys.stderr)
             ctx.exit(INTERRUPTED)

@@ -222,8 +222,8 @@ def _on_data(study: Study, *, first: bool) -> Iterable[Setting]:
                     if (name, window) not in chosen_by_report:
                         yield quirky(name, window)
     if study.wants("ablation"):
-        for case, name, window, quirks in ablation.ablation_cases():
-            yield Quirky(name, window, ablated(case, name, window), quirks, "ablation")
+        for case in ablation.ablation_cases():
+            yield Quirky(case.method, case.window, ablated(case), case.quirks, "ablation")
 
 
 def _synthetic(study: Study) -> Iterable[Setting]:
@@ -239,9 +239,9 @@ def corrected(method: methods.Method, window: int) -> Corrected:
     )
 
 
-def ablated(case: str, method: str, window: int) -> str:
+def ablated(case: ablation.Case) -> str:
     """What the table of results calls a case of the ablation."""
-    return f"ablation: {method}-{window}, {case}"
+    return f"ablation: {case.method}-{case.window}, {case.name}"
 
 
 def quirky(method: str, window: int) -> Quirky:

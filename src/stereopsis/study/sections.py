@@ -205,65 +205,79 @@ def published_label(method: str) -> str:
 
 def the_ablation(report: Report) -> Section | None:
     """Each quirk of the published protocol switched off."""
-    groups: dict[tuple[str, int], list[tuple[str, str]]] = {}
-    for case, method, window, _ in ablation.ablation_cases():
-        setting = ablated(case, method, window)
-        if report.rows.has(setting):
-            groups.setdefault((method, window), []).append((case, setting))
+    groups: dict[tuple[str, int], list[ablation.Case]] = {}
+    for case in ablation.ablation_cases():
+        if report.rows.has(ablated(case)):
+            groups.setdefault((case.method, case.window), []).append(case)
     tables: list[Table] = []
     figures: list[Figure] = []
     for (method, window), cases in groups.items():
-        if len(cases) > 1:
+        if len(cases) > 1 and cases[0].name == ablation.BASE:
             made = _ablated(report.rows, f"{published_label(method)}, window {window}", cases)
             tables += made[0]
-            figures.append(made[1])
+            figures += made[1]
     if not tables:
         return None
     prose = (
-        "From the published protocol on, one quirk is switched off at a time, then all of them. What a "
-        "quirk costs on its own need not add up: they act on the same pixels.",
+        "From the published protocol on, one quirk is switched off at a time, then all of them. What a quirk "
+        "costs on its own need not add up: they act on the same pixels.",
     )
     return Section("ablation", "Ablation: what each mistake costs", prose, tuple(tables), tuple(figures))
 
 
-def _ablated(rows: Rows, label: str, cases: Sequence[tuple[str, str]]) -> tuple[list[Table], Figure]:
-    """One method's ablation: changes, absolute values, and the changes of each pair."""
-    (base_name, base), *others = cases
+def _ablated(rows: Rows, label: str, cases: Sequence[ablation.Case]) -> tuple[list[Table], list[Figure]]:
+    """One algorithm's ablation: changes, absolute values, and the changes of each pair."""
+    measured = {case: rows.of(ablated(case)) for case in cases}
+    # A pair that failed under one case is left out of all, so that each change is over the same pairs.
+    pairs = [pair for pair in measured[cases[0]] if all(pair in found for found in measured.values())]
+    if not pairs:
+        return [], []
+    each = [
+        ablation.Row(pair, case, {column: found[pair][column] for column in MEASURES})
+        for case, found in measured.items()
+        for pair in pairs
+    ]
+    by_case: dict[str, dict[str, ablation.Change]] = {}
+    for change in ablation.changes(each):
+        by_case.setdefault(change.case, {})[change.measure] = change
+
+    def stat(change: ablation.Change) -> Stat:
+        return Stat(change.mean, change.low, change.high, len(pairs))
+
     changes = Table(
-        f"{label}: change against “{base_name}”, pair by pair",
+        f"{label}: change against “{ablation.BASE}”, over {len(pairs)} pairs",
         ("", *(LABELS[c] for c in MEASURES)),
         tuple(
-            (Cell(name), *(cell(rows.change(setting, base, c), c, signed=True) for c in MEASURES))
-            for name, setting in others
+            (Cell(case), *(cell(stat(found[c]), c, signed=True) for c in MEASURES))
+            for case, found in by_case.items()
         ),
         "Mean over pairs, and the interval that holds 95 % of the means of resampled pairs. An interval "
         "without 0 is a change that does not hang on which pairs there are.",
     )
-    absolute = compare(f"{label}: measures under each protocol", rows, cases)
+    absolute = compare(
+        f"{label}: measures under each protocol", rows, [(case.name, ablated(case)) for case in cases]
+    )
     tables = [changes, *([absolute] if absolute else [])]
+    single = {case: found for case, found in by_case.items() if found["rmse"].pairs}
     for column in ("within_1", "rmse"):
-        before = rows.values(base, column)
-        after = [rows.values(setting, column) for _, setting in others]
-        each = tuple(
+        lines_ = tuple(
             (
                 Cell(pair),
-                *(
-                    Cell(
-                        number(found[pair] - before[pair], column, signed=True) if pair in found else NOTHING
-                    )
-                    for found in after
-                ),
+                *(Cell(number(found[column].pairs[n], column, signed=True)) for found in single.values()),
             )
-            for pair in before
+            for n, pair in enumerate(pairs)
         )
-        head = ("pair", *(name for name, _ in others))
-        tables.append(Table(f"{label}: change of {LABELS[column]}, each pair", head, each))
-    names, settings = zip(*others, strict=True)
+        tables.append(Table(f"{label}: change of {LABELS[column]}, each pair", ("pair", *single), lines_))
     panels = tuple(
-        bars(names, [_changes(rows, settings, base, column)], axis, percent=column == "within_1")
+        bars(
+            tuple(by_case),
+            [_points("change", (), [stat(found[column]) for found in by_case.values()])],
+            axis,
+            percent=column == "within_1",
+        )
         for column, axis in (("within_1", "change of pixels within 1 px"), ("rmse", "change of RMSE (px)"))
     )
-    return tables, Figure(f"{label}: what switching off each quirk changes.", panels)
+    return tables, [Figure(f"{label}: what switching off each quirk changes.", panels)]
 
 
 def windows(report: Report) -> Section | None:
@@ -731,10 +745,6 @@ def _numbers(series: Sequence[Series], column: str, first: str) -> Table:
             for n, x in enumerate(series[0].x)
         ),
     )
-
-
-def _changes(rows: Rows, settings: Sequence[str], base: str, column: str) -> Series:
-    return _points("change", (), [rows.change(setting, base, column) for setting in settings])
 
 
 def _share(rows: Rows, setting: str, stratum: str, group: str, condition: str | None) -> Cell:

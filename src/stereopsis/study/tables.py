@@ -81,9 +81,9 @@ class Rows:
         """Whether any pair of the group was measured with the setting."""
         return (group, setting) in self._of
 
-    def each(self, setting: str, group: str = "data") -> list[Mapping[str, float]]:
+    def of(self, setting: str, group: str = "data") -> dict[str, Mapping[str, float]]:
         """The whole row of each pair, in the study's order."""
-        return list(self._of.get((group, setting), {}).values())
+        return dict(self._of.get((group, setting), {}))
 
     def values(
         self, setting: str, column: str, group: str = "data", condition: str | None = None
@@ -201,7 +201,7 @@ def printed(rows: Rows, *, as_printed: bool) -> dict[str, list[float]]:
     quirks = published.PUBLISHED if as_printed else published.Quirks()
     tables = {}
     for name, (method, window) in published.TABLES.items():
-        pairs = rows.each(f"published: {method}-{window}")
+        pairs = list(rows.of(f"published: {method}-{window}").values())
         if pairs:
             tables[name] = [published.average(pairs, quirks)[column] for column in MEASURES]
     return tables

@@ -365,7 +365,8 @@ def _winners(costs: Iterable[Array], candidates: range, view: _View, *, fit: boo
             before, after = np.where(better, previous, before), np.where(better, np.inf, after)
             previous = cost
     if fit:
-        offset = (before - after) / (2 * (before - 2 * best + after))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            offset = (before - after) / (2 * (before - 2 * best + after))
         winner += np.where(np.isfinite(offset), offset, 0.0)
     return winner
 

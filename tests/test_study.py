@@ -130,6 +130,7 @@ def test_layout_of_kitti_is_recognised(tmp_path: Path) -> None:
         ({"methods": ("znc",)}, "did you mean 'zncc'"),
         ({"parts": ("sweeps",)}, "parts knows"),
         ({"pairs": 0}, "pairs must be"),
+        ({"disparities": (5, 5)}, "disparities must be"),
         ({"scenes": -1}, "scenes must be"),
         ({"size": (10, 10)}, "size must be"),
     ],
@@ -140,7 +141,7 @@ def test_refuses_what_is_not_allowed(changes: dict[str, Any], message: str) -> N
 
 
 def test_settings_repeat_the_study(data: Path) -> None:
-    asked = small(data, pairs=2, size=(64, 48))
+    asked = small(data, pairs=2, size=(64, 48), disparities="estimate")
     again = study.Study.from_toml(asked.to_toml())
     assert again == dataclasses.replace(asked, data=data.resolve())
     assert study.Study.from_toml(study.Study().to_toml()) == study.Study()
@@ -206,7 +207,8 @@ def test_rows_are_those_of_the_library(data: Path, tmp_path: Path) -> None:
     outcome = measured(small(data, pairs=1), tmp_path)
     (row,) = (item.row for item in outcome.done if item.task.setting.setting == "zncc-9")
     pair = st.read_pair(data / "a-left.png", data / "a-right.png")
-    scores = st.evaluate(st.match(pair, cost=ZNCC(9)).disparity, st.read_disparity(data / "a-disparity.png"))
+    found = st.match(pair, cost=ZNCC(9), disparities=(0, 128)).disparity
+    scores = st.evaluate(found, st.read_disparity(data / "a-disparity.png"))
     assert row["rmse"] == scores.filled.rmse
     assert row["within_0.25"] == scores.filled.within_0_25
 

@@ -374,6 +374,11 @@ def demo(folder: Path, size: tuple[int, int], seed: int, settings: Settings, as_
 @click.option("--methods", metavar="NAMES", help="Only these methods, such as ssd,zncc.")
 @click.option("--parts", metavar="NAMES", help="Only these experiments, such as sweep,ablation.")
 @click.option("--pairs", type=int, help="Only so many pairs, the first ones.")
+@click.option(
+    "--disparities",
+    metavar="MIN:MAX",
+    help="Candidates for every pair, or 'estimate' from each one's images.",
+)
 @click.option("--scenes", type=int, help="How many streets are rendered.")
 @click.option("--size", metavar="WIDTHxHEIGHT", type=_width_height, help="Size of the streets.")
 @click.option("--workers", type=int, default=1, show_default=True, help="Processes.")
@@ -404,6 +409,8 @@ def study(
     for name in ("windows", "methods", "parts"):
         if values[name] is not None:
             values[name] = _windows(values[name]) if name == "windows" else _names(values[name])
+    if values["disparities"] not in (None, "estimate"):
+        values["disparities"] = _range(values["disparities"])
     values = {name: value for name, value in values.items() if value is not None}
     if file:
         start = study_.Study.from_toml(file.read_text(encoding="utf-8"), str(file))

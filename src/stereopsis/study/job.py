@@ -16,19 +16,16 @@ from importlib import metadata, resources
 from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, TypeAlias
+from typing import Any, BinaryIO, Final, TypeAlias
 
 import numpy as np
 
 from stereopsis import _core
-from stereopsis.pipeline import estimate_disparities, match
+from stereopsis.pipeline import match
 from stereopsis.study import published
 from stereopsis.study.measure import Row, measure, strata
 from stereopsis.study.pairs import Known, Source
 from stereopsis.study.plan import Corrected, Plan, Quirky, Task
-
-if TYPE_CHECKING:
-    from stereopsis.types import Disparities
 
 JOURNAL: Final = "journal.jsonl"
 PRESENTED: Final = ("figures.py", "page.py", "sections.py", "tables.py", "cli.py", "__main__.py", "demo.py")
@@ -209,11 +206,10 @@ def _reason(error: BaseException) -> str:
 
 @dataclass
 class _Subject:
-    """A pair in memory, with what every method shares."""
+    """A pair in memory, and its strata."""
 
     known: Known
     masks: dict[str, Any]
-    disparities: Disparities
 
 
 @dataclass
@@ -243,9 +239,7 @@ class _Bench:
             known = source.load()
             if source.digest() != digest:
                 raise ValueError("its files changed while the study ran; run it again")
-            pair = known.pair
-            disparities = estimate_disparities(pair.left, pair.right, threads=self.threads)
-            return _Subject(known, dict(strata(known)), disparities)
+            return _Subject(known, dict(strata(known)))
         except Exception as error:
             return Failed(source.name, None, _reason(error))
 
@@ -253,10 +247,7 @@ class _Bench:
         known = subject.known
         match task.setting:
             case Corrected(settings=settings):
-                # The range is estimated from the images alone: once a pair, as every method would.
-                disparities = settings.disparities or subject.disparities
-                chosen = settings.changed(disparities=disparities, threads=self.threads)
-                result = match(known.pair, settings=chosen)
+                result = match(known.pair, settings=settings.changed(threads=self.threads))
                 return measure(result, known, subject.masks)
             case Quirky(method=method, window=window, quirks=quirks):
                 left, right = rgb(known.pair.left), rgb(known.pair.right)

@@ -20,6 +20,7 @@ from stereopsis.evaluate import error_map
 from stereopsis.io.atomic import write_bytes
 from stereopsis.io.formats import jpeg, png
 from stereopsis.pipeline import match
+from stereopsis.settings import Settings
 from stereopsis.study import figures, methods
 from stereopsis.study.job import Outcome
 from stereopsis.study.pairs import Known, Source
@@ -82,7 +83,7 @@ def write(
     text = environment.from_string(template).render(
         name=report.name,
         study=study,
-        toml=study.to_toml(),
+        toml=_shown(study),
         sections=sections,
         examples=_examples(plan, outcome, report, pictures),
         failed=outcome.failed,
@@ -112,6 +113,12 @@ def facts(outcome: Outcome, seconds: float) -> Mapping[str, str]:
         "Python": sys.version.split()[0],
         **versions,
     }
+
+
+def _shown(study: Study) -> str:
+    """The settings without where on this machine the data set lies."""
+    lines = study.to_toml().splitlines(keepends=True)
+    return "".join(line for line in lines if not line.startswith("data = "))
 
 
 def _time(seconds: float) -> str:
@@ -144,7 +151,11 @@ def _examples(plan: Plan, outcome: Outcome, report: Report, pictures: Sequence[P
     means = {source: float(np.mean(values)) for source, values in scores.items()}
     ordered = sorted(means, key=lambda source: means[source])
     chosen = list(dict.fromkeys([next(iter(scores)), ordered[0], ordered[-1]]))[:EXAMPLES]
-    found = {method.name: method for method in methods.METHODS}
+    found = {
+        (task.setting.method, task.setting.window): task.setting.settings
+        for task in plan.tasks
+        if isinstance(task.setting, Corrected)
+    }
     examples = []
     for number, source in enumerate(chosen):
         known = source.load()
@@ -153,7 +164,9 @@ def _examples(plan: Plan, outcome: Outcome, report: Report, pictures: Sequence[P
     return examples
 
 
-def _images(known: Known, pictures: Sequence[Picture], found: Mapping[str, methods.Method]) -> list[Shown]:
+def _images(
+    known: Known, pictures: Sequence[Picture], found: Mapping[tuple[str, int | None], Settings]
+) -> list[Shown]:
     truth = known.truth
     inside = truth[np.isfinite(truth)]
     span = (0.0, float(np.quantile(inside, 0.99)) if inside.size else 1.0)
@@ -163,10 +176,8 @@ def _images(known: Known, pictures: Sequence[Picture], found: Mapping[str, metho
         Shown("truth", "", "Truth", _image(io.colorize(_grown(truth), span))),
     ]
     for picture in pictures:
-        result = match(known.pair, settings=found[picture.method].settings(picture.window))
-        label = (
-            f"{picture.label}, window {picture.window}" if found[picture.method].windowed else picture.label
-        )
+        result = match(known.pair, settings=found[picture.method, picture.window])
+        label = picture.label if picture.window is None else f"{picture.label}, window {picture.window}"
         error = error_map(result.disparity, truth, grow=1)
         images += [
             Shown("result", picture.method, label, _image(io.colorize(result.disparity, span))),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-from stereopsis.settings import Settings
+from stereopsis.settings import Settings, as_disparities
 from stereopsis.study import ablation, methods, pairs, published
 from stereopsis.study.pairs import Source
 
@@ -39,6 +39,9 @@ class Study:
         Some of `PARTS`. Empty: all.
     pairs : int or None
         Only so many pairs, the first ones. None: all.
+    disparities : (int, int) or "estimate"
+        Candidates of the corrected study, the maximum excluded: one range for all pairs, as a rig has one. Or
+        estimated from each pair's images alone. Never from the truth.
     scenes : int
         How many different streets are rendered.
     size : (int, int)
@@ -52,6 +55,7 @@ class Study:
     methods: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     pairs: int | None = None
+    disparities: tuple[int, int] | Literal["estimate"] = published.RANGE
     scenes: int = 3
     size: tuple[int, int] = (640, 288)
 
@@ -73,6 +77,9 @@ class Study:
                 raise ValueError(f"parts knows {', '.join(PARTS)}, not {part!r}")
         if self.pairs is not None and not (isinstance(self.pairs, int) and self.pairs >= 1):
             raise ValueError(f"pairs must be a whole number of at least 1, not {self.pairs!r}")
+        if self.disparities != "estimate":
+            low, high = as_disparities(self.disparities)
+            object.__setattr__(self, "disparities", (low, high))
         if not (isinstance(self.scenes, int) and 0 <= self.scenes <= 1000):
             raise ValueError(f"scenes must be a whole number from 0 to 1000, not {self.scenes!r}")
         if len(self.size) != 2 or not all(isinstance(side, int) and 32 <= side <= 4096 for side in self.size):
@@ -206,12 +213,12 @@ def _on_data(study: Study, *, first: bool) -> Iterable[Setting]:
     for method in chosen:
         if study.wants(method.part):
             for window in study.windows if method.part == "sweep" else (methods.WINDOW,):
-                yield corrected(method, window)
+                yield corrected(method, window, study.disparities)
     if study.wants("sweep"):
         # For the comparisons at one window, whatever the sweep's windows are.
         for method in chosen:
             if method.part == "sweep" and methods.WINDOW not in study.windows:
-                yield corrected(method, methods.WINDOW)
+                yield corrected(method, methods.WINDOW, study.disparities)
     if study.wants("published"):
         chosen_by_report = tuple(published.TABLES.values())
         for name, window in chosen_by_report:
@@ -229,14 +236,17 @@ def _on_data(study: Study, *, first: bool) -> Iterable[Setting]:
 def _synthetic(study: Study) -> Iterable[Setting]:
     for method in methods.named(study.methods):
         if method.part in ("sweep", "presets"):
-            yield corrected(method, methods.WINDOW)
+            yield corrected(method, methods.WINDOW, study.disparities)
 
 
-def corrected(method: methods.Method, window: int) -> Corrected:
-    """A method of the corrected study at a window."""
-    return Corrected(
-        method.name, window if method.windowed else None, method.setting(window), method.settings(window)
-    )
+def corrected(
+    method: methods.Method, window: int, disparities: tuple[int, int] | Literal["estimate"]
+) -> Corrected:
+    """A method of the corrected study at a window, over a range of candidates."""
+    settings = method.settings(window)
+    if disparities != "estimate":
+        settings = settings.changed(disparities=disparities)
+    return Corrected(method.name, window if method.windowed else None, method.setting(window), settings)
 
 
 def ablated(case: ablation.Case) -> str:

@@ -62,7 +62,7 @@ class Picture:
 
     method: str
     label: str
-    window: int
+    window: int | None
 
 
 @dataclass(frozen=True)
@@ -294,11 +294,18 @@ def windows(report: Report) -> Section | None:
     if not figures:
         return None
     prose = (
-        "Matched in the left view over a range estimated from the images alone, with exact sums and a "
-        "sub-pixel fit; each point is the mean over the pairs, each band the interval that holds 95 % of "
-        "the means of resampled pairs.",
+        f"Matched in the left view over {_candidates(report)}, with exact sums and a sub-pixel fit. Each "
+        "point is the mean over the pairs, each band the interval that holds 95 % of the means of "
+        "resampled pairs.",
     )
     return Section("windows", "Window size", prose, _best_windows(report), tuple(figures))
+
+
+def _candidates(report: Report) -> str:
+    if report.study.disparities == "estimate":
+        return "a range of disparities estimated from each pair's images alone"
+    low, high = report.study.disparities
+    return f"the same candidates for every pair, {low} … {high - 1} px, which no truth has set"
 
 
 def _best_windows(report: Report) -> tuple[Table, ...]:
@@ -322,11 +329,19 @@ def _best_windows(report: Report) -> tuple[Table, ...]:
 
 def maps(report: Report) -> Section | None:
     """Figure 6."""
-    found = [m for m in report.methods("sweep") if report.rows.has(m.setting(WINDOW))]
+    found = [
+        m
+        for m in (*report.methods("sweep"), *report.methods("presets"))
+        if report.rows.has(m.setting(WINDOW))
+    ]
     if not found:
         return None
-    pictures = tuple(Picture(m.name, m.label, WINDOW) for m in found)
-    prose = (f"Figure 6, corrected: the map of each cost at window {WINDOW}. Dark is far, light is near.",)
+    pictures = tuple(Picture(m.name, m.label, WINDOW if m.windowed else None) for m in found)
+    prose = (
+        f"Figure 6, corrected: the map of each cost at window {WINDOW}, and of each preset. Dark is far, "
+        "light is near, grey is not answered. On the first pair; below it those on which the methods do "
+        "worst and best.",
+    )
     return Section("maps", "Disparity maps", prose, pictures=pictures)
 
 
@@ -550,7 +565,7 @@ def where(report: Report) -> Section | None:
             ("distance", "true disparity (px)"),
             ("texture", "texture (mean gradient, grey levels)"),
         ):
-            bands = [s for s in shown if s.startswith(name)]
+            bands = [s for s in shown if s.startswith(f"{name}_")]
             if len(bands) > 1:
                 panels.append(
                     bars(
@@ -637,7 +652,7 @@ def weather(report: Report) -> Section | None:
         percent=True,
     )
     options = "; ".join(
-        f"{name}: " + ", ".join(f"{key} {value:g}" for key, value in given.items())
+        f"{name}: " + ", ".join(f"{key.replace('_', ' ')} {value:g}" for key, value in given.items())
         for name, given in WEATHER
         if given
     )
@@ -757,13 +772,10 @@ def _share(rows: Rows, setting: str, stratum: str, group: str, condition: str | 
 
 
 def _few(settings: Sequence[tuple[str, str]]) -> Sequence[tuple[str, str]]:
-    """No more than a figure of bars can tell apart."""
-    wanted = [
-        item
-        for item in settings
-        if item[1].partition("-")[0] in ("ssd", "zssd", "zncc") or "local" in item[1]
-    ]
-    return (wanted or settings)[:5]
+    """As many as a figure of bars can tell apart: plain ones that the report compares, then whole methods."""
+    plain = [item for item in settings if item[1] in (f"ssd-{WINDOW}", f"zncc-{WINDOW}")]
+    whole = [item for item in settings if item[0].startswith("preset")]
+    return [*plain, *whole][:6] or settings[:6]
 
 
 def _pairs(rows: Rows, setting: str) -> str:

@@ -138,6 +138,10 @@ LABELS: Final = {
     "epe": "mean error (px)",
     "d1": "D1",
     "density": "density",
+    "own_within_1": "answered, < 1 px",
+    "own_rmse": "answered, RMSE (px)",
+    "edge_within_1": "at edges, < 1 px",
+    "interior_within_1": "elsewhere, < 1 px",
 }
 SMALLER: Final = ("rmse", "epe", "d1")
 """Measures of which less is better."""

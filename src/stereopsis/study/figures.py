@@ -109,7 +109,7 @@ def scatter(
                 markersize=4.5, linestyle=STYLES[number % len(STYLES)],
             )  # fmt: skip
             for place, (px, py, text) in enumerate(points):
-                if text and place in (0, len(points) // 2, len(points) - 1):
+                if text and place in (0, len(points) - 1):
                     axes.annotate(
                         text, (px, py), (4, 3), textcoords="offset points", fontsize=7, color=colour
                     )

@@ -506,17 +506,40 @@ def sub_pixel(report: Report) -> Section | None:
 def supports(report: Report) -> Section | None:
     """Support windows."""
     settings = [(m.label, m.setting(WINDOW)) for m in report.methods("supports")]
-    columns = (*MEASURES, "edge_within_1", "interior_within_1")
+    columns = (*MEASURES, "edge_within_1", "interior_within_1", "seconds")
     table = compare(
         f"Supports under ZNCC, about as wide as a box of {WINDOW}", report.rows, settings, columns
     )
     if table is None:
         return None
     prose = (
-        "What the window's shape does: the Gaussian weighs the middle, the bilateral and the cross follow "
-        "colour, the adaptive one grows where there is little texture.",
+        "What the window's shape does, over the same candidates and with the same fit; the time is that of "
+        "matching and measuring a pair on this machine.",
     )
     return Section("supports", "Support windows", prose, (table,))
+
+
+def smoothing(report: Report) -> Section | None:
+    """What neighbours' labels add."""
+    rows = report.rows
+    found = [(m.label, m.setting(WINDOW)) for m in report.methods("smoothing") if rows.has(m.setting(WINDOW))]
+    table = compare("Smoothing, mean over all pairs", rows, found, (*MEASURES, "seconds"))
+    if table is None:
+        return None
+    (base_name, base), *others = found
+    changes = Table(
+        f"Change against “{base_name}”, pair by pair",
+        ("", *(LABELS[c] for c in MEASURES)),
+        tuple(
+            (Cell(label), *(cell(rows.change(setting, base, c), c, signed=True) for c in MEASURES))
+            for label, setting in others
+        ),
+    )
+    prose = (
+        "The report prefers squared to absolute differences of neighbours' disparities. Both are here, on "
+        "every pair, with the spread over pairs.",
+    )
+    return Section("smoothing", "Smoothing", prose, (table, changes))
 
 
 def where(report: Report) -> Section | None:
@@ -658,7 +681,8 @@ def weather(report: Report) -> Section | None:
     )
     prose = (
         f"Rendered streets with exact truth, the same ones under every condition ({options}). An exposure "
-        "difference takes SSD and SAD down and leaves ZNCC as it was; noise and low light hurt all of them.",
+        "difference takes SSD and SAD down and leaves ZNCC as it was; rain, whose streaks differ between "
+        "the views, hurts all.",
     )
     figure = Figure("Pixels within 1 px by condition.", (panel,))
     return Section("weather", "Weather", prose, tables, (figure,))
@@ -670,13 +694,27 @@ def invalid(report: Report) -> Section | None:
     found = [m for m in report.methods("checks") if rows.has(m.setting(WINDOW))]
     if not found:
         return None
-    columns = ("density", "own_within_1", "own_within_4", "own_rmse", "sparse_auc", "ideal_auc")
-    labels = ("density", "own: < 1 px", "own: < 4 px", "own: RMSE (px)", "area (px)", "ideal area (px)")
+    columns = ("density", "own_within_1", "own_within_4", "own_rmse")
+    labels = ("density", "own: < 1 px", "own: < 4 px", "own: RMSE (px)")
     table = Table(
         f"Checks after ZNCC, window {WINDOW}: what is still answered, and how well",
         ("", *labels),
         tuple((Cell(m.label), *(cell(rows.stat(m.setting(WINDOW), c), c) for c in columns)) for m in found),
-        "Area: the mean of the sparsification curve; ideal: with the pixels in the order of their true "
+    )
+    # Areas compare only where every pixel is answered: elsewhere the curve begins later.
+    dense = [
+        (m.label, m.setting(WINDOW))
+        for m in report.methods("sweep")
+        if rows.stat(m.setting(WINDOW), "density").mean == 1
+    ]
+    areas = Table(
+        f"Area of the sparsification curve, window {WINDOW}",
+        ("", "by confidence (px)", "ideal (px)"),
+        tuple(
+            (Cell(label), *(cell(rows.stat(setting, c), c) for c in ("sparse_auc", "ideal_auc")))
+            for label, setting in dense
+        ),
+        "The mean RMSE of the most confident 100, 95, … 5 % of the pixels; ideal: in the order of the true "
         "errors.",
     )
     curves = []
@@ -700,7 +738,8 @@ def invalid(report: Report) -> Section | None:
     figure = Figure(
         "Sparsification: the error of the most confident pixels, and of what each check leaves.", (panel,)
     )
-    return Section("invalid", "Recognising what cannot be matched", prose, (table,), (figure,))
+    tables = (table, areas) if dense else (table,)
+    return Section("invalid", "Recognising what cannot be matched", prose, tables, (figure,))
 
 
 SECTIONS: Final[tuple[Callable[[Report], Section | None], ...]] = (
@@ -714,6 +753,7 @@ SECTIONS: Final[tuple[Callable[[Report], Section | None], ...]] = (
     corrected_tables,
     sub_pixel,
     supports,
+    smoothing,
     where,
     weather,
     invalid,

@@ -50,14 +50,17 @@ def _resamples(count: int) -> npt.NDArray[np.int64]:
 
 
 class Rows:
-    """The measured rows of a study, by setting and pair."""
+    """The measured rows of a study, by setting and pair; each has "seconds" too."""
 
     def __init__(self, done: Sequence[Done]) -> None:
         self._of: dict[tuple[str, str], dict[str, Mapping[str, float]]] = {}
         self.conditions: dict[str, str] = {}
         for item in done:
             source, setting = item.task.source, item.task.setting
-            self._of.setdefault((source.group, setting.setting), {})[source.name] = item.row
+            self._of.setdefault((source.group, setting.setting), {})[source.name] = {
+                **item.row,
+                "seconds": item.seconds,
+            }
             if source.group == "synthetic":
                 self.conditions[source.name] = source.condition
 
@@ -138,6 +141,7 @@ LABELS: Final = {
     "epe": "mean error (px)",
     "d1": "D1",
     "density": "density",
+    "seconds": "s a pair",
     "own_within_1": "answered, < 1 px",
     "own_rmse": "answered, RMSE (px)",
     "edge_within_1": "at edges, < 1 px",
@@ -185,7 +189,7 @@ def compare(
     for column in columns:
         means = [stats[setting, column].mean for _, setting in present]
         finite = [mean for mean in means if math.isfinite(mean)]
-        if finite and len(present) > 1 and column != "density":
+        if finite and len(present) > 1 and column not in ("density", "seconds"):
             best[column] = min(finite) if column in SMALLER else max(finite)
     lines = []
     for label, setting in present:

@@ -196,6 +196,21 @@ def test_sky_is_measured_as_infinitely_far() -> None:
     assert row["visible_count"] + row["occluded_count"] == row["known"]
 
 
+def test_flags_are_compared_with_what_each_view_sees() -> None:
+    """Six pixels: visible, hidden, hidden, sky, sky, unknown."""
+    truth = np.array([[5, 5, 5, np.nan, np.nan, np.nan]], np.float32)
+    visible = np.array([[True, False, False, False, False, False]])
+    sky = np.array([[False, False, False, True, True, False]])
+    known = Known(st.Pair(np.zeros((1, 6), np.uint8), np.zeros((1, 6), np.uint8)), truth, visible, sky)
+    flags = np.array([[1, 1, 4, 16, 0, 16]], np.uint8)
+    found = np.where(flags > 0, np.float32(np.nan), np.float32(5))
+    result = st.Result(found, np.zeros_like(found), flags, Settings(), "composed", 0.0)
+    row = measure.measure(result, known, measure.strata(known))
+    assert (row["found_occluded_precision"], row["found_occluded_recall"]) == (0.5, 0.5)
+    assert (row["found_sky_precision"], row["found_sky_recall"]) == (1, 0.5)
+    assert (row["found_invalid_precision"], row["found_invalid_recall"]) == (0.75, 0.75)
+
+
 def test_texture_is_the_mean_gradient() -> None:
     ramp = np.tile(np.arange(0, 60, 3, dtype=np.uint8), (12, 1))
     known = Known(st.Pair(ramp, ramp), np.ones(ramp.shape, np.float32))

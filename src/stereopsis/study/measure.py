@@ -13,7 +13,7 @@ import numpy.typing as npt
 from stereopsis import fill
 from stereopsis.evaluate import evaluate
 from stereopsis.study.pairs import Known
-from stereopsis.types import DisparityMap, Result
+from stereopsis.types import DisparityMap, Flag, Result
 
 Mask = npt.NDArray[np.bool_]
 Row = dict[str, float]
@@ -56,6 +56,9 @@ STRATA: Final = (
 )
 """Where the error lies. "textured" are the visible pixels of surfaces with texture of their own."""
 
+RECOGNISED: Final = ("occluded", "sky", "invalid")
+"""What flags are to recognise: what one view alone sees, the sky, and either of them."""
+
 IN_STRATUM: Final = ("count", "within_0.25", "within_1", "within_4", "rmse", "answered")
 COLUMNS: Final = (
     *MEASURES,
@@ -67,6 +70,7 @@ COLUMNS: Final = (
     "own_within_4",
     "own_rmse",
     *(f"{stratum}_{measure}" for stratum in STRATA for measure in IN_STRATUM),
+    *(f"found_{kind}_{measure}" for kind in RECOGNISED for measure in ("precision", "recall")),
     *(f"fractional_{number}" for number in range(BINS)),
     *(f"phase_bias_{number}" for number in range(BINS)),
     *(f"sparse_{kept:g}" for kept in KEPT),
@@ -107,6 +111,7 @@ def measure(result: Result, known: Known, masks: Mapping[str, Mask]) -> Row:
     row |= {"density": scores.density, "known": scores.known}
     row |= {"own_within_1": own.within_1, "own_within_4": own.within_4, "own_rmse": own.rmse}
     row |= _strata(disparity, answered, known, masks)
+    row |= _recognised(result, known)
     row |= _fractional(result.disparity, known.truth)
     row |= _sparsification(result.disparity, result.confidence, known.truth)
     return row
@@ -180,6 +185,28 @@ def _strata(disparity: DisparityMap, answered: Mask, known: Known, masks: Mappin
             row |= {f"{name}_within_{bound:g}": float(np.mean(errors < bound)) for bound in (0.25, 1, 4)}
             row[f"{name}_rmse"] = math.sqrt(np.mean(errors * errors))
             row[f"{name}_answered"] = float(np.mean(answered[mask]))
+    return row
+
+
+def _recognised(result: Result, known: Known) -> Row:
+    """Precision and recall of the flags, where it is known what each view sees."""
+    if known.visible is None:
+        return {}
+    sky = np.zeros(known.visible.shape, bool) if known.sky is None else known.sky
+    hidden = np.isfinite(known.truth) & ~known.visible
+    counted = np.isfinite(known.truth) | sky
+    flags = result.flags
+    pairs = {
+        "occluded": ((flags & (Flag.OCCLUDED | Flag.OUT_OF_VIEW)) != 0, hidden),
+        "sky": ((flags & Flag.SKY) != 0, sky),
+        "invalid": ((flags & ~np.uint8(Flag.FILLED)) != 0, hidden | sky),
+    }
+    row: Row = {}
+    for name, (found, true) in pairs.items():
+        both = int(np.count_nonzero(found & true & counted))
+        for measure, total in (("precision", found & counted), ("recall", true & counted)):
+            if total.any():
+                row[f"found_{name}_{measure}"] = both / int(np.count_nonzero(total))
     return row
 
 

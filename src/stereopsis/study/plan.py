@@ -15,7 +15,7 @@ from stereopsis.study import ablation, methods, pairs, published
 from stereopsis.study.pairs import Source
 
 PARTS: Final = ("published", "ablation", *methods.PARTS, "synthetic")
-"""The experiments. "synthetic" runs those of "sweep" and "presets" on rendered streets in all weathers."""
+"""The experiments. "synthetic": those of sweep, presets and checks on rendered streets in all weathers."""
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ def _on_data(study: Study, *, first: bool) -> Iterable[Setting]:
 
 def _synthetic(study: Study) -> Iterable[Setting]:
     for method in methods.named(study.methods):
-        if method.part in ("sweep", "presets"):
+        if method.part in ("sweep", "presets", "checks"):
             yield corrected(method, methods.WINDOW, study.disparities)
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from stereopsis.study import ablation, methods, published
 from stereopsis.study.figures import Panel, Series, bars, lines, scatter
-from stereopsis.study.measure import BINS, KEPT, MEASURES, STRATA
+from stereopsis.study.measure import BINS, KEPT, MEASURES, RECOGNISED, STRATA
 from stereopsis.study.methods import WINDOW, Method
 from stereopsis.study.pairs import WEATHER
 from stereopsis.study.plan import Study, ablated
@@ -717,6 +717,21 @@ def invalid(report: Report) -> Section | None:
         "The mean RMSE of the most confident 100, 95, … 5 % of the pixels; ideal: in the order of the true "
         "errors.",
     )
+    whole = [m for m in (*found, *report.methods("presets")) if rows.has(m.setting(WINDOW), "synthetic")]
+    kinds = [f"found_{kind}_{measure}" for kind in RECOGNISED for measure in ("precision", "recall")]
+    flags = Table(
+        "Precision and recall of the flags on synthetic streets in clear air",
+        ("", *(kind.removeprefix("found_").replace("_", ": ") for kind in kinds)),
+        tuple(
+            (
+                Cell(m.label),
+                *(cell(rows.stat(m.setting(WINDOW), kind, "synthetic", "clear"), kind) for kind in kinds),
+            )
+            for m in whole
+        ),
+        "Occluded: flagged as occluded or out of view, against what the left view alone sees. Sky: flagged "
+        "as sky. Invalid: flagged with anything, against either.",
+    )
     curves = []
     for label, prefix in (("by confidence", "sparse"), ("ideal", "ideal")):
         stats = [rows.stat(found[0].setting(WINDOW), f"{prefix}_{kept:g}") for kept in KEPT]
@@ -738,7 +753,7 @@ def invalid(report: Report) -> Section | None:
     figure = Figure(
         "Sparsification: the error of the most confident pixels, and of what each check leaves.", (panel,)
     )
-    tables = (table, areas) if dense else (table,)
+    tables = (table, *([areas] if dense else []), *([flags] if whole else []))
     return Section("invalid", "Recognising what cannot be matched", prose, tables, (figure,))
 
 

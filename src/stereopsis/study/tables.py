@@ -157,7 +157,7 @@ def number(value: float, column: str, *, signed: bool = False) -> str:
     """A measure for people: fractions in per cent, errors in pixels."""
     if math.isnan(value):
         return NOTHING
-    fraction = any(column.endswith(name) for name in (*FRACTIONS, "answered"))
+    fraction = any(column.endswith(name) for name in (*FRACTIONS, "answered", "precision", "recall"))
     text = f"{100 * value:{'+' if signed else ''}.2f}" if fraction else f"{value:{'+' if signed else ''}.3f}"
     return text.replace("-", MINUS) + (" %" if fraction else "")
 

@@ -108,6 +108,8 @@ def run(
     write_bytes(where / "settings.toml", study.to_toml().encode())
     outcome = job.run(planned, where, workers, progress)
 
+    if progress:
+        progress(len(outcome.done), len(outcome.done), "writing the report")
     rows = tables.Rows(outcome.done)
     files = [where / name for name in ("index.html", "results.csv", "timings.csv", "settings.toml")]
     tables.write_results(files[1], outcome.done)

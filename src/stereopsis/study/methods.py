@@ -1,9 +1,9 @@
 """The methods of the corrected study, by name: plain settings of the library, no quirk, no truth.
 
 A part is an experiment with a section of the page: "sweep" is run at every window, "subpixel", "supports",
-"smoothing", "presets" and "checks" at one. The first method of "subpixel", "smoothing" and "checks" is what the
-others are compared with. One line adds a method: `Method(name, label, part, window -> Settings)`. The window is
-the full size in pixels, as on the report's axes.
+"smoothing", "presets" and "checks" at one. The first method of "subpixel", "smoothing" and "checks" is what
+the others are compared with. One line adds a method: `Method(name, label, part, window -> Settings)`. The
+window is the full size in pixels, as on the report's axes.
 """
 
 from __future__ import annotations

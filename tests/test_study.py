@@ -333,6 +333,21 @@ def test_changed_setting_or_program_is_measured_again(
     assert not any(item.reused for item in measured(small(data, pairs=1), tmp_path).done)
 
 
+def test_program_is_its_code_and_versions(monkeypatch: pytest.MonkeyPatch) -> None:
+    package = Path(job.__file__).parents[1]
+    assert all((package / name).is_file() for name in job.ASIDE)
+    job.program.cache_clear()
+    before = job.program()
+    real = Path.read_bytes
+    for changed, same in (("cost.py", False), ("study/measure.py", False), ("study/page.py", True)):
+        job.program.cache_clear()
+        with monkeypatch.context() as patch:
+            edited = package / changed
+            patch.setattr(Path, "read_bytes", lambda self, e=edited: real(self) + b"#" * (self == e))
+            assert (job.program() == before) is same
+    job.program.cache_clear()
+
+
 def test_equal_settings_are_measured_once(data: Path, tmp_path: Path) -> None:
     """ZNCC 31 stands in several tables."""
     asked = study.Study(data, pairs=1, parts=("subpixel", "supports", "checks"))

@@ -73,6 +73,9 @@ def lines(
                 )
         if zero:
             axes.set_ylim(bottom=0)
+        points = series[0].x if series else ()
+        if 1 < len(points) <= 10 and all(float(place).is_integer() for place in points):
+            axes.set_xticks(points)
         for at, label in marks:
             axes.axvline(at, color=INK, linewidth=0.7, linestyle=":")
             axes.annotate(

@@ -28,8 +28,13 @@ from stereopsis.study.pairs import Known, Source
 from stereopsis.study.plan import Corrected, Plan, Quirky, Task
 
 JOURNAL: Final = "journal.jsonl"
-PRESENTED: Final = ("figures.py", "page.py", "sections.py", "tables.py", "cli.py", "__main__.py", "demo.py")
-"""Files of the program that decide no row."""
+ASIDE: Final = (
+    "__main__.py",
+    "cli.py",
+    "demo.py",
+    *(f"study/{name}.py" for name in ("figures", "methods", "page", "plan", "sections", "tables")),
+)
+"""Files of the program that decide no row, or only by a setting that is in its key anyway."""
 
 
 @dataclass(frozen=True)
@@ -175,8 +180,9 @@ def program() -> str:
             digest.update(f"{name} none\n".encode())
     package = Path(str(resources.files("stereopsis")))
     for file in sorted(package.rglob("*.py")):
-        if file.name not in PRESENTED:
-            digest.update(f"{file.relative_to(package).as_posix()}\n".encode() + file.read_bytes())
+        name = file.relative_to(package).as_posix()
+        if name not in ASIDE:
+            digest.update(f"{name}\n".encode() + file.read_bytes())
     if _core.__file__:
         digest.update(Path(_core.__file__).read_bytes())
     return digest.hexdigest()

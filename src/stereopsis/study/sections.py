@@ -187,8 +187,9 @@ def as_published(report: Report) -> Section | None:
     ]
     if drops:
         prose.append(
-            f"Smoothing lowers the RMSE by {100 * sum(drops) / len(drops):.2f} % of the smoothed one, in "
-            f"the mean over {len(drops)} windows on the first pair: the report's “around 9 %”."
+            f"Without smoothing the RMSE of ZNCC is higher by {100 * sum(drops) / len(drops):.2f} % of the "
+            f"smoothed one's, in the mean over {len(drops)} windows on the first pair; the report prints "
+            "“around 9 %”."
         )
     return Section("published", "The report, reproduced", tuple(prose), tuple(tables), tuple(figures))
 
@@ -251,8 +252,8 @@ def _ablated(rows: Rows, label: str, cases: Sequence[ablation.Case]) -> tuple[li
             (Cell(case), *(cell(stat(found[c]), c, signed=True) for c in MEASURES))
             for case, found in by_case.items()
         ),
-        "Mean over pairs, and the interval that holds 95 % of the means of resampled pairs. An interval "
-        "without 0 is a change that does not hang on which pairs there are.",
+        "Mean over pairs (pp: percentage points), and the interval that holds 95 % of the means of "
+        "resampled pairs. An interval without 0 is a change that does not hang on which pairs there are.",
     )
     absolute = compare(
         f"{label}: measures under each protocol", rows, [(case.name, ablated(case)) for case in cases]

@@ -154,12 +154,17 @@ FRACTIONS: Final = (*MEASURES[:-1], "d1", "density")
 
 
 def number(value: float, column: str, *, signed: bool = False) -> str:
-    """A measure for people: fractions in per cent, errors in pixels."""
+    """A measure for people: fractions in per cent, errors in pixels; signed, a change: percentage points."""
     if math.isnan(value):
         return NOTHING
+    unit = _unit(column, signed=signed)
+    text = f"{100 * value:{'+' if signed else ''}.2f}" if unit else f"{value:{'+' if signed else ''}.3f}"
+    return text.replace("-", MINUS) + unit
+
+
+def _unit(column: str, *, signed: bool) -> str:
     fraction = any(column.endswith(name) for name in (*FRACTIONS, "answered", "precision", "recall"))
-    text = f"{100 * value:{'+' if signed else ''}.2f}" if fraction else f"{value:{'+' if signed else ''}.3f}"
-    return text.replace("-", MINUS) + (" %" if fraction else "")
+    return "" if not fraction else " pp" if signed else " %"
 
 
 def cell(stat: Stat, column: str, *, signed: bool = False) -> Cell:
@@ -168,7 +173,8 @@ def cell(stat: Stat, column: str, *, signed: bool = False) -> Cell:
         return Cell(NOTHING)
     if stat.count == 1:
         return Cell(number(stat.mean, column, signed=signed))
-    low, high = (number(end, column, signed=signed).removesuffix(" %") for end in (stat.low, stat.high))
+    unit = _unit(column, signed=signed)
+    low, high = (number(end, column, signed=signed).removesuffix(unit) for end in (stat.low, stat.high))
     return Cell(number(stat.mean, column, signed=signed), f"{low} … {high}")
 
 

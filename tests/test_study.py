@@ -184,6 +184,22 @@ def test_measures_by_hand() -> None:
     assert set(row) <= set(measure.COLUMNS)
 
 
+def test_an_empty_row_is_filled_from_beside_it() -> None:
+    truth = np.array([[4, 4], [4, 4], [4, 4]], np.float32)
+    found = np.array([[4, 4], [np.nan, np.nan], [6, 6]], np.float32)
+    image = np.zeros(truth.shape, np.uint8)
+    known = Known(st.Pair(image, image), truth)
+    zero = np.zeros_like(found)
+    result = st.Result(found, zero, np.zeros(truth.shape, np.uint8), Settings(), "composed", 0.0)
+    row = measure.measure(result, known, measure.strata(known))
+    assert (row["rmse"], row["within_1"]) == (math.sqrt(8 / 6), 4 / 6)
+    nothing = st.Result(zero * np.nan, zero, np.zeros(truth.shape, np.uint8), Settings(), "composed", 0.0)
+    row = measure.measure(nothing, known, measure.strata(known))
+    assert (row["rmse"], row["within_4"], row["density"]) == (math.inf, 0, 0)
+    assert tables.Stat.of([1.0, math.inf]).mean == math.inf
+    assert tables.number(math.inf, "rmse") == "\N{INFINITY}"
+
+
 def test_sky_is_measured_as_infinitely_far() -> None:
     scene = st.scenes.street(WIDTH, HEIGHT, 1, samples=1)
     known = pairs.ScenePair(1, (WIDTH, HEIGHT)).load()

@@ -85,8 +85,8 @@ def measure(result: Result, known: Known, masks: Mapping[str, Mask]) -> Row:
     """Measure a result against what is known of its pair.
 
     Fractions and errors count every pixel with known truth, after holes have been filled from the background
-    as KITTI does; those that begin with ``own`` count the answered pixels alone. A column that the pair does
-    not allow is missing.
+    as KITTI does, and empty rows from those beside them. Columns that begin with ``own`` count the answered
+    pixels alone. A column that the pair does not allow is missing.
 
     Parameters
     ----------
@@ -103,9 +103,9 @@ def measure(result: Result, known: Known, masks: Mapping[str, Mask]) -> Row:
         Some of `COLUMNS`.
     """
     scores = evaluate(result.disparity, known.truth)
-    whole, own = scores.filled, scores.own
     answered = np.isfinite(result.disparity)
-    disparity = result.disparity if answered.all() else fill.background(result.disparity)
+    disparity = result.disparity if answered.all() else _filled(result.disparity)
+    whole, own = evaluate(disparity, known.truth).all, scores.own
     row: Row = {f"within_{b:g}": getattr(whole, f"within_{b:g}".replace(".", "_")) for b in BOUNDS}
     row |= {"rmse": whole.rmse, "epe": whole.epe, "d1": whole.d1}
     row |= {"density": scores.density, "known": scores.known}
@@ -115,6 +115,14 @@ def measure(result: Result, known: Known, masks: Mapping[str, Mask]) -> Row:
     row |= _fractional(result.disparity, known.truth)
     row |= _sparsification(result.disparity, result.confidence, known.truth)
     return row
+
+
+def _filled(disparity: DisparityMap) -> DisparityMap:
+    """From the farther neighbour on the row; where a row is empty, from the farther one above or below."""
+    filled = fill.background(disparity)
+    if np.isfinite(filled).all():
+        return filled
+    return fill.background(np.ascontiguousarray(filled.T)).T
 
 
 def strata(known: Known) -> Mapping[str, Mask]:

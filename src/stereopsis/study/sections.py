@@ -5,6 +5,7 @@ A new section is a function and a place in `SECTIONS`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -396,7 +397,7 @@ def trade_off(report: Report) -> Section | None:
                 str(w) if method.windowed else "",
             )
             for w in sizes
-            if rows.has(method.setting(w))
+            if math.isfinite(rows.stat(method.setting(w), "rmse").mean)
         ]
         if points:
             groups.append((method.label, points))
@@ -800,6 +801,7 @@ def _series(label: str, rows: Rows, settings: Sequence[str], x: Sequence[float],
 
 
 def _points(label: str, x: tuple[float, ...], stats: Sequence[Stat]) -> Series:
+    stats = [stat if math.isfinite(stat.mean) else Stat.of(()) for stat in stats]  # drawn as a gap
     means = tuple(stat.mean for stat in stats)
     if max((stat.count for stat in stats), default=0) < 2:
         return Series(label, x, means)

@@ -36,9 +36,11 @@ class Stat:
     @classmethod
     def of(cls, values: Iterable[float]) -> Stat:
         """Of one value a pair. Resamples pairs with a fixed seed: the same values give the same interval."""
-        given = np.array([value for value in values if math.isfinite(value)])
+        given = np.array([value for value in values if not math.isnan(value)])
         if not given.size:
             return cls(math.nan, math.nan, math.nan, 0)
+        if not np.isfinite(given).all():  # a map without any answer has an infinite RMSE
+            return cls(math.inf, math.inf, math.inf, given.size)
         means = given[_resamples(given.size)].mean(axis=1)
         low, high = np.quantile(means, [0.025, 0.975])
         return cls(float(given.mean()), float(low), float(high), given.size)
@@ -96,7 +98,7 @@ class Rows:
             pair: row[column]
             for pair, row in self._of.get((group, setting), {}).items()
             if column in row
-            and math.isfinite(row[column])
+            and not math.isnan(row[column])
             and (condition is None or self.conditions.get(pair) == condition)
         }
 
@@ -157,6 +159,8 @@ def number(value: float, column: str, *, signed: bool = False) -> str:
     """A measure for people: fractions in per cent, errors in pixels; signed, a change: percentage points."""
     if math.isnan(value):
         return NOTHING
+    if math.isinf(value):
+        return "\N{INFINITY}"
     unit = _unit(column, signed=signed)
     text = f"{100 * value:{'+' if signed else ''}.2f}" if unit else f"{value:{'+' if signed else ''}.3f}"
     return text.replace("-", MINUS) + unit

@@ -67,13 +67,13 @@ def refuse(capsys: Capture, *arguments: str) -> str:
 class TestHelp:
     def test_everything_is_listed(self, capsys: Capture) -> None:
         out = run(capsys, "--help")
-        names = ["match", "evaluate", "info", "demo"]
+        names = ["match", "evaluate", "info", "demo", "study"]
         assert [line.split()[0] for line in out.partition("Commands:\n")[2].splitlines()] == names
 
     def test_no_command_is_a_question(self, capsys: Capture) -> None:
         assert run(capsys) == run(capsys, "--help")
 
-    @pytest.mark.parametrize("command", ["match", "evaluate", "info", "demo"])
+    @pytest.mark.parametrize("command", ["match", "evaluate", "info", "demo", "study"])
     def test_each_command_has_examples_and_help_for_each_option(self, command: str, capsys: Capture) -> None:
         out = run(capsys, command, "--help")
         assert f"    stereopsis {command}" in out

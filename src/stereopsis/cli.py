@@ -5,12 +5,14 @@ Whatever is heavy is imported inside the commands, so that ``--help`` and a mist
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import functools
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
@@ -29,6 +31,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 REFUSED = 2
 """Exit code when what was asked for cannot be done."""
+
+INCOMPLETE = 3
+"""Exit code when some of a study's pairs could not be measured."""
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as a shell has it."""
@@ -78,10 +83,11 @@ class _Commands(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
-    def invoke(self, ctx: click.Context) -> None:
+    def invoke(self, ctx: click.Context) -> Any:
         try:
-            super().invoke(ctx)
+            code = super().invoke(ctx)
             sys.stdout.flush()
+            return code
         except KeyboardInterrupt:
             print("stereopsis: interrupted", file=sys.stderr)
             ctx.exit(INTERRUPTED)
@@ -356,6 +362,130 @@ def demo(folder: Path, size: tuple[int, int], seed: int, settings: Settings, as_
     _print_scores(shown.scores)
     click.echo()
     _print_written(shown.files)
+
+
+@commands.command()
+@click.argument("dataset", type=click.Path(exists=True, file_okay=False, path_type=Path), required=False)
+@click.option("-o", "--output", "folder", type=_OUTPUT, required=True, help="The folder to write to.")
+@click.option("--settings", "file", type=_INPUT, help="Repeat the study of this settings.toml.")
+@click.option("--protocol", metavar="all|published", help="'published': only what the report computed.")
+@click.option("--tables-only", is_flag=True, default=None, help="Of the report, Tables I and II alone.")
+@click.option("--windows", metavar="SIZES", help="The sweep: START:STOP:STEP, STOP excluded, or 5,15,31.")
+@click.option("--methods", metavar="NAMES", help="Only these methods, such as ssd,zncc.")
+@click.option("--parts", metavar="NAMES", help="Only these experiments, such as sweep,ablation.")
+@click.option("--pairs", type=int, help="Only so many pairs, the first ones.")
+@click.option(
+    "--disparities",
+    metavar="MIN:MAX",
+    help="Candidates for every pair, or 'estimate' from each one's images.",
+)
+@click.option("--scenes", type=int, help="How many streets are rendered.")
+@click.option("--size", metavar="WIDTHxHEIGHT", type=_width_height, help="Size of the streets.")
+@click.option("--workers", type=int, default=1, show_default=True, help="Processes.")
+@_json
+def study(
+    dataset: Path | None, folder: Path, file: Path | None, workers: int, as_json: bool, **given: Any
+) -> int:
+    """Run the report's experiments, as published and put right, and write a page of them.
+
+    \b
+      stereopsis study DATASET -o report
+      stereopsis study DATASET -o report --protocol published --tables-only
+      stereopsis study DATASET -o report --windows 5:95:10 --methods ssd,zncc --pairs 3 --workers 2
+      stereopsis study --settings report/settings.toml -o again
+
+    DATASET is a folder of NAME-left.*, NAME-right.* and NAME-disparity.png, or in the layout of KITTI 2015
+    or Middlebury; without it, streets are rendered. Every finished row is kept: an interrupted study goes on
+    where it stopped when the same command is given again. The exit code is 3 when something could not be
+    measured.
+    """
+    from stereopsis import study as study_
+
+    try:
+        study_.require()
+    except ModuleNotFoundError as error:
+        raise click.ClickException(str(error)) from None
+    values: dict[str, Any] = {"data": dataset, **given}
+    for name in ("windows", "methods", "parts"):
+        if values[name] is not None:
+            values[name] = _windows(values[name]) if name == "windows" else _names(values[name])
+    if values["disparities"] not in (None, "estimate"):
+        values["disparities"] = _range(values["disparities"])
+    values = {name: value for name, value in values.items() if value is not None}
+    if file:
+        start = study_.Study.from_toml(file.read_text(encoding="utf-8"), str(file))
+        chosen = dataclasses.replace(start, **values)
+    else:
+        chosen = study_.Study(**values)
+
+    try:
+        with _progress("rows") as advance:
+            made = study_.run(chosen, folder, workers=workers, progress=advance)
+    except KeyboardInterrupt:
+        click.echo(f"stereopsis: what is finished is kept in {folder}; the same command goes on", err=True)
+        raise
+    for failure in made.outcome.failed:
+        what = f"{failure.pair}, {failure.setting}" if failure.setting else failure.pair
+        click.echo(f"stereopsis: not measured: {what}: {failure.reason}", err=True)
+    if as_json:
+        report = {
+            "rows": len(made.outcome.done),
+            "reused": sum(row.reused for row in made.outcome.done),
+            "failed": [dataclasses.asdict(failure) for failure in made.outcome.failed],
+            "tables": made.tables,
+            "seconds": made.seconds,
+            "outputs": [str(path) for path in made.files],
+        }
+        _print_json(report)
+    else:
+        if made.tables:
+            head = ("as printed", "< 0.25 px", "< 0.5 px", "< 1 px", "< 2 px", "< 4 px", "RMSE")
+            lines = (
+                (name, *(f"{100 * value:.2f} %" for value in values[:-1]), f"{values[-1]:.2f}")
+                for name, values in made.tables.items()
+            )
+            _print_table(lines, head)
+        _print_written(made.files)
+    return INCOMPLETE if made.outcome.failed else 0
+
+
+def _windows(text: str) -> tuple[int, ...]:
+    """START:STOP:STEP like Python's range, or sizes with commas between."""
+    try:
+        if ":" in text:
+            return tuple(range(*(int(part) for part in text.split(":"))))
+        return tuple(int(part) for part in text.split(","))
+    except (ValueError, TypeError):
+        raise click.BadParameter(
+            f"windows: {text!r} is neither START:STOP:STEP nor sizes such as 5,15."
+        ) from None
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+@contextmanager
+def _progress(unit: str) -> Iterator[Callable[[int, int, str], None] | None]:
+    """A bar with the time left on standard error, where that is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TimeRemainingColumn(compact=True),
+        TextColumn("{task.description}", markup=False),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda finished, total, what: bar.update(
+            task, completed=finished, total=total, description=what
+        )
 
 
 def _check_outputs(

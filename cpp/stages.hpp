@@ -6,6 +6,7 @@
 #include <functional>
 
 #include "fused.hpp"
+#include "gaussian.hpp"
 #include "score.hpp"
 
 namespace stereopsis {
@@ -53,6 +54,10 @@ void select_right(const T* volume, int height, int width, int count, int first, 
 // ---- the same three stages at once, streaming ------------------------------------------------------------------------
 void match(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedKernel& kernel, const FusedOutput& out,
            const Workers& workers);
+
+// 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
+void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
+                    const FusedOutput& out, const Workers& workers);
 
 // ---- validate --------------------------------------------------------------------------------------------------------
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <cstring>
+#include <optional>
 
 #include "arena.hpp"
 #include "gaussian.hpp"
@@ -101,7 +102,7 @@ template <bool Absolute, int C>
 class KnotMaker {
   using I = Simd::I;
   static constexpr int lanes = Simd::lanes;
-  static constexpr int kBlock = 64;  // candidates at once
+  static constexpr int kBlock = 8 * lanes;  // candidates at once
 
  public:
   KnotMaker(const Pair& pair, const GaussianGrid& grid, const GaussianFilter& filter, Arena& arena)
@@ -125,13 +126,14 @@ class KnotMaker {
     coarse_ = arena.take<double>(static_cast<size_t>(extended_) * kBlock);
     sum_ = arena.take<int32_t>(p_.width);
     square_ = arena.take<int32_t>(p_.width);
-    wide_ = arena.take<double>(moment_columns_);
-    gathered_moments_ = arena.take<double>(moment_columns_);
+    wide_ = arena.take<double>(moment_columns_ + 16);
+    gathered_moments_ = arena.take<double>(moment_columns_ + 16);
   }
 
   // Before the first row; memory is zero.
   void start() {
     fill(tag_, INT32_MIN, slots_);
+    for (int k = 0; k <= g_.spline; ++k) spline_taps_[k] = splines_.weights[g_.spline + k];
     const int span = rows_span();
     if (g_.stride > 1) {
       std::memcpy(row_weight_, splines_.weights, (2 * span + 1) * sizeof *row_weight_);
@@ -256,20 +258,29 @@ class KnotMaker {
     }
   }
 
+  // The B-spline along a row. Sums of two still fit 32 bits.
   template <int Count>
   STEREOPSIS_INLINE void gather_columns(const int32_t* from, double* to) const {
-    constexpr int half = lanes / 2, several = 32 / lanes;
-    const int length = 2 * g_.spline + 1;
-    for (int at = 0; at < Count; at += 16) {
-      Simd::D sum[several];
-      unrolled<several>([&](auto v) STEREOPSIS_INLINE_LAMBDA { sum[v] = Simd::set(0.0); });
-      for (int k = 0; k < length; ++k) {
-        const Simd::D weight = Simd::set(static_cast<double>(splines_.weights[k]));
+    constexpr int half = lanes / 2, several = Count < 64 ? Count / lanes : 64 / lanes;
+    for (int at = 0; at < Count; at += several * lanes) {
+      Simd::D sum[2 * several];
+      const Simd::D middle = Simd::set(spline_taps_[0]);
+      const int32_t* here = from + g_.spline * Count + at;
+      unrolled<several>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+        const I value = Simd::load(here + v * lanes);
+        sum[2 * v] = Simd::mul(middle, Simd::lower(value));
+        sum[2 * v + 1] = Simd::mul(middle, Simd::upper(value));
+      });
+      for (int k = 1; k <= g_.spline; ++k) {
+        const Simd::D weight = Simd::set(spline_taps_[k]);
+        const int32_t *before = here - k * Count, *after = here + k * Count;
         unrolled<several>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-          sum[v] = Simd::add(sum[v], Simd::mul(weight, Simd::load_double(from + k * Count + at + v * half)));
+          const I value = Simd::add(Simd::load(before + v * lanes), Simd::load(after + v * lanes));
+          sum[2 * v] = Simd::add(sum[2 * v], Simd::mul(weight, Simd::lower(value)));
+          sum[2 * v + 1] = Simd::add(sum[2 * v + 1], Simd::mul(weight, Simd::upper(value)));
         });
       }
-      unrolled<several>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(to + at + v * half, sum[v]); });
+      unrolled<2 * several>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(to + at + v * half, sum[v]); });
     }
   }
 
@@ -290,16 +301,12 @@ class KnotMaker {
   void spread_moment(const int32_t* sums, double* out) {
     const int W = p_.width, before = g_.margin + g_.stride * g_.reach + g_.spline;
     for (int k = 0; k < moment_columns_; ++k) wide_[k] = sums[clamp_to(k - before, 0, W - 1)];
-    const int length = 2 * g_.spline + 1, count = moment_columns_ - length + 1;
-    std::memset(gathered_moments_, 0, count * sizeof *gathered_moments_);
-    for (int k = 0; k < length; ++k) add_scaled(wide_ + k, splines_.weights[k], count, gathered_moments_);
+    for (int x = 0; x < moment_columns_ - 2 * g_.spline; x += 16)
+      symmetric<32 / lanes>([&](int j) { return wide_ + g_.spline + x + j; }, spline_taps_, g_.spline, 1.0,
+                            gathered_moments_ + x);
     const double* here = gathered_moments_ + static_cast<size_t>(g_.stride) * g_.reach;
     for (int x = 0; x < g_.positions_padded; x += 16)
       symmetric<32 / lanes>([&](int j) { return here + x + j * g_.stride; }, taps_, g_.reach, scale_, out + x);
-  }
-
-  static void add_scaled(const double* STEREOPSIS_RESTRICT from, double weight, int count, double* STEREOPSIS_RESTRICT to) {
-    for (int i = 0; i < count; ++i) to[i] += weight * from[i];
   }
 
   const Pair& p_;
@@ -307,7 +314,7 @@ class KnotMaker {
   const double* taps_;
   Spline splines_;
   int extended_, first_column_, columns_, slots_, mirrored_, moment_columns_, first_pair_ = 0, pairs_ = 0;
-  double scale_ = 0;
+  double scale_ = 0, spline_taps_[2 * kLargestStride - 1] = {};
   int32_t *tag_, *left_, *right_, *plain_, *weight_, *row_weight_, *gathered_, *sum_, *square_;
   const int32_t **left_of_, **right_of_;
   double *coarse_, *wide_, *gathered_moments_;
@@ -341,14 +348,15 @@ class GaussianRows {
   static constexpr bool correlation = Kind == CostKind::ncc || Kind == CostKind::zncc;
   static constexpr bool centred = Kind == CostKind::zssd || Kind == CostKind::zncc;
   static constexpr bool squared = Kind == CostKind::ssd || Kind == CostKind::zssd;
+  static constexpr double factor = Kind == CostKind::sad ? 1 : squared ? -2 : -1;  // of the blurred terms in the cost
   static constexpr int kSlots = 16;   // pixels whose costs are kept until their winners are taken
   static constexpr int kGroup = 8;    // vectors that the spare bits of a cost tell apart
   static constexpr float worst = worst_cost<float>();
 
  public:
   GaussianRows(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, void* memory)
-      : p_(pair), s_(settings), g_(pair, settings.cost, filter), f_(filter), arena_{static_cast<char*>(memory)},
-        knots_(p_, g_, filter, arena_) {
+      : p_(pair), s_(settings), g_(pair, settings.cost, filter), arena_{static_cast<char*>(memory)} {
+    if (g_.stride == 1) knots_.emplace(p_, g_, filter, arena_);
     const int W = p_.width, s = g_.stride;
     vectors_ = g_.padded / lanes;
     groups_ = (vectors_ + kGroup - 1) / kGroup;
@@ -358,8 +366,8 @@ class GaussianRows {
     mirror_first_ = last_knot - p_.first > W - 1 + 2 * s ? last_knot - p_.first : W - 1 + 2 * s;
     const int least = first_knot - p_.first - g_.padded < -2 * s ? first_knot - p_.first - g_.padded : -2 * s;
     mirror_ = mirror_first_ - least + 1;
-    row_ = arena_.take<double>(s > 1 ? g_.record() - g_.maps_at() : g_.record());
-    ring_ = arena_.take<double>(4 * static_cast<size_t>(g_.padded));
+    row_ = arena_.take<double>(s > 1 ? g_.maps_size() : g_.record());
+    for (int c = 0; c < C; ++c) knot_mean_[c] = arena_.take<float>(4 * static_cast<size_t>(g_.padded));
     for (int k = 0; k < 2 * C; ++k) mirrored_[k] = arena_.take<double>(mirror_);
     for (int c = 0; c < C; ++c) left_slope_[c] = arena_.take<float>(W);
     left_offset_ = arena_.take<float>(W);
@@ -411,7 +419,7 @@ class GaussianRows {
     for (int i = 0; i < g_.padded; ++i) index_[i] = i;
     fill(costs_, worst, static_cast<int>(kSlots * pitch()));
     if (s == 1) {
-      knots_.start();
+      knots_->start();
       spline_[1] = 1;
     } else {
       const Spline spline(s);
@@ -428,7 +436,7 @@ class GaussianRows {
   // The maps at row y, and what its knots are made of.
   void blurred_row(const KnotRows& knots, int y) {
     if (g_.stride == 1) {
-      knots_.make(y, row_);
+      knots_->make(y, row_);
       maps_ = row_ + g_.maps_at();
       return;
     }
@@ -439,19 +447,8 @@ class GaussianRows {
       rows_[i] = knots.at(k - 1 + i);
       rows[i] = rows_[i] + g_.maps_at();
     }
-    mix(rows, vertical_, static_cast<int>(g_.record() - g_.maps_at()), row_);
+    mix(rows, vertical_, static_cast<int>(g_.maps_size()), row_);
     maps_ = row_;
-  }
-
-  // Candidates of a knot at this row.
-  const double* knot_sums(int knot) const {
-    if (g_.stride == 1) return row_ + static_cast<size_t>(knot) * g_.padded;
-    return ring_ + static_cast<size_t>(knot & 3) * g_.padded;
-  }
-  void take_column(int knot) {
-    const double* rows[4];
-    for (int i = 0; i < 4; ++i) rows[i] = rows_[i] + static_cast<size_t>(knot - g_.first_knot) * g_.padded;
-    mix(rows, vertical_, g_.padded, ring_ + static_cast<size_t>(knot & 3) * g_.padded);
   }
 
   // ---- moments of each image alone ----------------------------------------------------------------------------------
@@ -469,34 +466,36 @@ class GaussianRows {
     return centred ? map(c, 0, 0)[knot * g_.stride] : Kind == CostKind::ncc ? -128.0 : 0.0;
   }
 
-  void describe_left() {
-    const int s = g_.stride;
-    for (int x = 0; x < p_.width; ++x) {
-      const int knot = x / s, p = x - knot * s;
-      double norm = 0, offset = 0;
-      for (int c = 0; c < C; ++c) {
-        double moment[2];
-        for (int power = 0; power < 2; ++power) {
-          const double *m = map(c, 0, power) + knot * s, *w = spline_ + 4 * p;
-          moment[power] = s == 1 ? m[0] : (w[0] * m[-s] + w[1] * m[0]) + (w[2] * m[s] + w[3] * m[2 * s]);
-        }
-        const double mean = moment[0], square = moment[1];
-        if (Kind == CostKind::ncc) {
-          norm += about_zero(mean, square);
-          offset -= 128.0 * (mean + 128.0);
-        } else {
-          norm += centred ? square - mean * mean : square;
-        }
-        if (centred) left_slope_[c][x] = static_cast<float>((squared ? 2.0 : 1.0) * (mean - reference(knot, c)));
-      }
-      norm_[x] = static_cast<float>(norm);
-      left_offset_[x] = static_cast<float>(squared ? norm : offset);
-    }
+  STEREOPSIS_NOINLINE void describe_left() {
+    for (int knot = 0, x = 0; x < p_.width; ++knot)
+      for (int p = 0; p < g_.stride && x < p_.width; ++p, ++x) describe_left(x, knot, spline_ + 4 * p);
     if (correlation) inverse_norms(norm_, p_.width, left_scale_);
   }
 
+  STEREOPSIS_INLINE void describe_left(int x, int knot, const double* w) {
+    const int s = g_.stride;
+    double norm = 0, offset = 0;
+    for (int c = 0; c < C; ++c) {
+      double moment[2];
+      for (int power = 0; power < 2; ++power) {
+        const double* m = map(c, 0, power) + knot * s;
+        moment[power] = s == 1 ? m[0] : (w[0] * m[-s] + w[1] * m[0]) + (w[2] * m[s] + w[3] * m[2 * s]);
+      }
+      const double mean = moment[0], square = moment[1];
+      if (Kind == CostKind::ncc) {
+        norm += about_zero(mean, square);
+        offset -= 128.0 * (mean + 128.0);
+      } else {
+        norm += centred ? square - mean * mean : square;
+      }
+      if (centred) left_slope_[c][x] = static_cast<float>(-factor * (mean - reference(knot, c)));
+    }
+    norm_[x] = static_cast<float>(norm);
+    left_offset_[x] = static_cast<float>(squared ? norm : offset);
+  }
+
   // For each place of a pixel between its knots, mirrored: pixel x - d of candidate i at [width - 1 - x + i].
-  void describe_right() {
+  STEREOPSIS_NOINLINE void describe_right() {
     const int W = p_.width, s = g_.stride;
     for (int c = 0; c < C; ++c)
       for (int power = 0; power < 2; ++power) {
@@ -580,25 +579,17 @@ class GaussianRows {
   template <int Knots>
   void match_between(int begin, int end, int slot) {
     const int s = g_.stride, knot = begin / s;
-    if (Knots > 1)
-      for (int k = begin == 0 ? -1 : knot + 2; k <= knot + 2; ++k) take_column(k);
-    for (int i = 0; i < Knots; ++i) {
-      const int k = Knots == 1 ? knot : knot - 1 + i;
-      const double* at[C];
-      double means[C];
-      for (int c = 0; c < C; ++c) {
-        at[c] = mirrored_[2 * c] + (mirror_first_ - s * k + p_.first);
-        means[c] = reference(knot, c);
-      }
-      const double factor = Kind == CostKind::sad ? 1.0 : squared ? -2.0 : -1.0;
-      take_knot(knot_sums(k), at, means, factor, g_.padded, knot_ + static_cast<size_t>(i) * g_.padded);
-    }
+    for (int k = Knots == 1 ? knot : begin == 0 ? -1 : knot + 2; k <= knot + (Knots == 1 ? 0 : 2); ++k) take_column<Knots>(k);
+    if constexpr (centred)
+      for (int i = 0; i < Knots; ++i)
+        for (int c = 0; c < C; ++c)
+          shift_[i][c] = static_cast<float>(factor * (reference(knot + i - (Knots > 1), c) - reference(knot, c)));
     constexpr int block = lanes == 16 ? 4 : 2;
     for (int v = 0; v < vectors_;) {
       const int at = v * lanes;
       if (vectors_ - v >= block) {
         constexpr int past = block * lanes;
-        if (first_seen(end - 1) <= at && first_seen(begin) <= at && at + past <= end_seen(begin))
+        if (first_seen(end - 1) <= at && at + past <= end_seen(begin))
           match_block<Knots, block, true>(begin, end, slot, v);
         else
           match_block<Knots, block, false>(begin, end, slot, v);
@@ -610,18 +601,35 @@ class GaussianRows {
     }
   }
 
-  static STEREOPSIS_INLINE void take_knot(const double* sums, const double* const* right, const double* means, double factor,
-                                          int count, float* knot) {
-    const Simd::D by = Simd::set(factor);
-    Simd::D mean[C];
-    for (int c = 0; c < C; ++c) mean[c] = Simd::set(means[c]);
-    for (int i = 0; i < count; i += lanes / 2) {
-      Simd::D sum = Simd::load(sums + i);
+  // Candidates of a knot at this row, less the product of the left reference and the right mean there.
+  template <int Knots>
+  STEREOPSIS_NOINLINE void take_column(int knot) {
+    using D = Simd::D;
+    const size_t at = static_cast<size_t>(knot - g_.first_knot) * g_.padded, to = static_cast<size_t>(knot & 3) * g_.padded;
+    const double* rows[Knots];
+    D weight[Knots], reference_of[C];
+    for (int i = 0; i < Knots; ++i) {
+      rows[i] = (Knots == 1 ? row_ : rows_[i]) + at;
+      if (Knots > 1) weight[i] = Simd::set(vertical_[i]);
+    }
+    const double* right[C];
+    for (int c = 0; c < C; ++c) {
+      right[c] = mirrored_[2 * c] + (mirror_first_ - g_.stride * knot + p_.first);
+      reference_of[c] = Simd::set(reference(knot, c));
+    }
+    const D by = Simd::set(factor);
+    for (int i = 0; i < g_.padded; i += lanes / 2) {
+      D sum = Simd::load(rows[0] + i);
+      if constexpr (Knots == 4)
+        sum = Simd::add(Simd::add(Simd::mul(weight[0], sum), Simd::mul(weight[1], Simd::load(rows[1] + i))),
+                        Simd::add(Simd::mul(weight[2], Simd::load(rows[2] + i)), Simd::mul(weight[3], Simd::load(rows[3] + i))));
       if constexpr (centred || Kind == CostKind::ncc)
         unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-          sum = Simd::sub(sum, Simd::mul(mean[c], Simd::load(right[c] + i)));
+          const D mean = Simd::load(right[c] + i);
+          sum = Simd::sub(sum, Simd::mul(reference_of[c], mean));
+          if constexpr (centred) Simd::store(knot_mean_[c] + to + i, mean);
         });
-      Simd::store(knot + i, Simd::mul(by, sum));
+      Simd::store(knot_ + to + i, Simd::mul(by, sum));
     }
   }
 
@@ -632,8 +640,17 @@ class GaussianRows {
     const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
     const F zero = Simd::set(0.0f);
     F knot[Knots][N];
+    // All four about the reference of the one to the left of these pixels.
+    const int own = begin / g_.stride;
     unrolled<Knots>([&](auto i) STEREOPSIS_INLINE_LAMBDA {
-      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { knot[i][v] = Simd::load(knot_ + i * padded + at + v * lanes); });
+      const size_t from = static_cast<size_t>((own + i - (Knots > 1)) & 3) * padded + at;
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+        knot[i][v] = Simd::load(knot_ + from + v * lanes);
+        if constexpr (centred && Knots > 1 && i != 1)
+          unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+            knot[i][v] = Simd::add(knot[i][v], Simd::mul(Simd::set(shift_[i][c]), Simd::load(knot_mean_[c] + from + v * lanes)));
+          });
+      });
     });
     const bool fresh = first_vector % kGroup == 0;
     const int p0 = begin % g_.stride;
@@ -687,7 +704,7 @@ class GaussianRows {
   }
   static float at_least(float v, float least) { return v < least ? least : v; }
 
-  void take_winners(int begin, int end) {
+  STEREOPSIS_NOINLINE void take_winners(int begin, int end) {
     float least[kSlots];
     for (int group = 0; group < groups_; ++group) {
       float keys[kSlots];
@@ -758,11 +775,11 @@ class GaussianRows {
   const Pair& p_;
   const FusedSettings& s_;
   const GaussianGrid g_;
-  const GaussianFilter& f_;
   Arena arena_;
-  KnotMaker<Kind == CostKind::sad, C> knots_;
+  std::optional<KnotMaker<Kind == CostKind::sad, C>> knots_;  // where every row is one of knots
   int vectors_, groups_, stats_, mirror_first_, mirror_;
-  double *row_, *ring_, *mirrored_[2 * C], *spline_;
+  float *knot_mean_[C], shift_[4][C] = {};
+  double *row_, *mirrored_[2 * C], *spline_;
   const double *rows_[4] = {}, *vertical_ = nullptr, *maps_ = nullptr;
   float *left_slope_[C], *left_offset_, *left_scale_, *norm_, *right_mean_[C], *right_offset_, *right_scale_, *spline_float_;
   float *knot_, *costs_, *best_, *right_best_, *cost_, *before_, *after_, *second_;

@@ -20,7 +20,7 @@ struct Aligned {
 };
 
 // Rows of knots kept at once, about; and worked on at once, at least.
-constexpr size_t kKnotsBytes = size_t{32} << 20;
+constexpr size_t kKnotsBytes = size_t{4} << 20;
 constexpr int kFewestRows = 8;
 
 }  // namespace

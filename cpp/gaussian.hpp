@@ -20,6 +20,8 @@ struct GaussianFilter {
 // fits 32 bits up to this stride.
 constexpr int kLargestStride = 12;
 
+constexpr int kPiece = 128;  // of a row of knots, filtered at once
+
 struct GaussianGrid {
   GaussianGrid(const Pair& pair, CostKind cost, const GaussianFilter& filter)
       : stride(filter.stride),
@@ -43,8 +45,13 @@ struct GaussianGrid {
   int maps;  // left means and squares, right means and squares, of each channel
   int top, bottom;        // rows of knots; those further out gather the same repeated edge pixels
 
-  // A row of knots: candidates of each knot, then the maps.
-  size_t record() const { return maps_at() + static_cast<size_t>(maps) * positions_padded; }
+  // A row of knots: candidates of each knot, then the maps; and what keeps the same place of many rows apart in a cache, whose
+  // sets repeat every 4096 bytes.
+  size_t record() const {
+    const size_t used = maps_at() + maps_size();
+    return used + (512 + kPiece + 16 - used % 512) % 512;
+  }
+  size_t maps_size() const { return static_cast<size_t>(maps) * positions_padded; }
   size_t maps_at() const { return static_cast<size_t>(knots) * padded; }
 };
 
@@ -58,8 +65,6 @@ struct KnotRows {
     return base + static_cast<size_t>((inside - top) % capacity) * record;
   }
 };
-
-constexpr int kPiece = 256;  // of a row of knots, filtered at once
 
 // What one build of the kernel offers: rows of knots, horizontally finished; pieces of such rows, vertically finished; and rows of
 // pixels from these. With a stride of 1 pixels need no rows of knots. Scratch as in FusedKernel.

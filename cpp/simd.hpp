@@ -129,9 +129,9 @@ struct Simd {
   static STEREOPSIS_INLINE D add(D a, D b) { return _mm512_add_pd(a, b); }
   static STEREOPSIS_INLINE D sub(D a, D b) { return _mm512_sub_pd(a, b); }
   static STEREOPSIS_INLINE D mul(D a, D b) { return _mm512_mul_pd(a, b); }
-  static STEREOPSIS_INLINE D load_double(const int32_t* p) {
-    return _mm512_cvtepi32_pd(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)));
-  }
+  // The lanes of the lower, and of the upper, half.
+  static STEREOPSIS_INLINE D lower(I v) { return _mm512_cvtepi32_pd(_mm512_castsi512_si256(v)); }
+  static STEREOPSIS_INLINE D upper(I v) { return _mm512_cvtepi32_pd(_mm512_extracti64x4_epi64(v, 1)); }
   static STEREOPSIS_INLINE void store(float* p, D v) { _mm256_storeu_ps(p, _mm512_cvtpd_ps(v)); }
   // On pairs of int16, products and differences that fit them.
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm512_mullo_epi16(a, b); }
@@ -224,9 +224,8 @@ struct Simd {
   static STEREOPSIS_INLINE D add(D a, D b) { return _mm256_add_pd(a, b); }
   static STEREOPSIS_INLINE D sub(D a, D b) { return _mm256_sub_pd(a, b); }
   static STEREOPSIS_INLINE D mul(D a, D b) { return _mm256_mul_pd(a, b); }
-  static STEREOPSIS_INLINE D load_double(const int32_t* p) {
-    return _mm256_cvtepi32_pd(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)));
-  }
+  static STEREOPSIS_INLINE D lower(I v) { return _mm256_cvtepi32_pd(_mm256_castsi256_si128(v)); }
+  static STEREOPSIS_INLINE D upper(I v) { return _mm256_cvtepi32_pd(_mm256_extracti128_si256(v, 1)); }
   static STEREOPSIS_INLINE void store(float* p, D v) { _mm_storeu_ps(p, _mm256_cvtpd_ps(v)); }
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm256_mullo_epi16(a, b); }
   static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm256_abs_epi16(_mm256_sub_epi16(a, b)); }
@@ -346,7 +345,8 @@ struct Simd {
   static STEREOPSIS_INLINE D add(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] + b.v[i]); }
   static STEREOPSIS_INLINE D sub(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] - b.v[i]); }
   static STEREOPSIS_INLINE D mul(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] * b.v[i]); }
-  static STEREOPSIS_INLINE D load_double(const int32_t* p) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(p[i])); }
+  static STEREOPSIS_INLINE D lower(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i])); }
+  static STEREOPSIS_INLINE D upper(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i + lanes / 2])); }
   static STEREOPSIS_INLINE void store(float* p, const D& v) {
     for (int i = 0; i < lanes / 2; ++i) p[i] = static_cast<float>(v.v[i]);
   }

@@ -17,8 +17,8 @@ from stereopsis import _core
 
 _F64 = npt.NDArray[np.float64]
 
-TOLERANCE = 2e-3
-"""Sum of the absolute differences of a one-dimensional kernel from its definition, at most."""
+TOLERANCE = 1.5e-3
+"""Sum of the absolute differences of a kernel from the Gaussian, of sum 1, along one axis: at most this."""
 
 _STEPS = 2.0**30
 
@@ -31,7 +31,7 @@ class Filter(NamedTuple):
 
 
 def gaussian(sigma: float, truncate: float) -> _F64:
-    """Weights ``exp(-i^2 / (2 sigma^2))`` for ``0 <= i <= round(truncate * sigma)``, of sum 1 over both sides."""
+    """Weights ``exp(-i^2 / (2 sigma^2))``, ``0 <= i <= round(truncate * sigma)``, of sum 1 over both sides."""
     i = np.arange(round(truncate * sigma) + 1)
     weights: _F64 = np.exp(-(i**2) / (2.0 * sigma**2))
     return weights / (weights[0] + 2 * weights[1:].sum())
@@ -39,76 +39,63 @@ def gaussian(sigma: float, truncate: float) -> _F64:
 
 @lru_cache(maxsize=64)
 def filter_of(sigma: float, truncate: float) -> Filter:
-    """The filter with the largest stride, up to half of sigma, that keeps to `TOLERANCE`."""
-    for stride in range(min(int(sigma / 2), _core.largest_stride), 1, -1):
-        found = Filter(stride, _fit(gaussian(sigma, truncate), stride))
-        if abs(kernels(found) - _definition(found, sigma, truncate)).sum(axis=1).max() <= TOLERANCE:
-            return found
-    return Filter(1, gaussian(sigma, truncate))
-
-
-def kernels(chosen: Filter) -> _F64:
-    """What a window's pixels really weigh.
-
-    Returns
-    -------
-    ndarray, (stride, N)
-        A row for each place of a pixel between its knots, N odd, the pixel itself in the middle.
-    """
-    half = chosen.taps[1:]
-    return _responses(chosen.stride, len(half)) @ np.concatenate([chosen.taps[:1], half])
-
-
-def _definition(chosen: Filter, sigma: float, truncate: float) -> _F64:
-    """The Gaussian, as wide as `kernels`."""
+    """The filter of the largest stride that keeps to `TOLERANCE`."""
     side = gaussian(sigma, truncate)
-    wide = np.zeros(kernels(chosen).shape[1])
-    middle, reach = len(wide) // 2, len(side) - 1
-    if middle < reach:
-        raise ValueError("the filter is narrower than the Gaussian")
-    wide[middle : middle + reach + 1] = side
-    wide[middle - reach : middle + 1] = side[::-1]
-    return wide
+    for stride in range(min(int(sigma / 1.25), _core.largest_stride), 1, -1):
+        found = fit(side, stride)
+        if abs(errors(found, side)).sum(axis=1).max() <= TOLERANCE:
+            return found
+    return Filter(1, side)
 
 
-def _spline(stride: int) -> _F64:
-    """Weights of a discrete cubic B-spline, of sum 1."""
-    box = np.ones(stride) / stride
-    twice = np.convolve(box, box)
-    return np.convolve(twice, twice)
-
-
-def _responses(stride: int, reach: int, width: int = 0) -> npt.NDArray[np.float64]:
-    """Kernels, (stride, N, reach + 1), that each tap makes by itself; N is at least ``2 width + 1``."""
-    spline = _spline(stride)
-    spread = 2 * (stride - 1)
-    middle = max(stride * (reach + 2) + spread, width)
-    responses = np.zeros((stride, 2 * middle + 1, reach + 1))
-    for place in range(stride):
-        for knot in range(-1, 3):
-            away = place - stride * knot + spread
-            if stride == 1 and knot or not 0 <= away < len(spline):
-                continue
-            for tap in range(-reach, reach + 1):
-                start = middle + stride * (knot + tap) - place - spread
-                responses[place, start : start + len(spline), abs(tap)] += stride * spline[away] * spline
-    return responses
-
-
-def _fit(side: _F64, stride: int) -> _F64:
-    """Taps, of sum 1 over both sides, whose kernels are nearest to the one of the given side."""
-    width = len(side) - 1
-    reach = max(1, -(-width // stride) - 1)
-    responses = _responses(stride, reach, width)
-    middle = responses.shape[1] // 2
-    wanted = np.zeros(responses.shape[1])
-    wanted[middle : middle + width + 1] = side
-    wanted[middle - width : middle + 1] = side[::-1]
-    equations = responses.reshape(-1, reach + 1)
+def fit(side: _F64, stride: int) -> Filter:
+    """The filter of a stride whose kernels are nearest to the one that has `side` from its middle on."""
+    reach = max(1, -(-(len(side) - 1) // stride) - 1)
+    equations, wanted = _equations(side, stride, reach)
+    equations, wanted = equations.reshape(-1, reach + 1), np.tile(wanted, len(equations))
     # The middle tap is what the others leave of 1.
-    free = equations[:, 1:] - 2 * equations[:, :1]
-    target = np.tile(wanted, stride) - equations[:, 0]
+    free, target = equations[:, 1:] - 2 * equations[:, :1], wanted - equations[:, 0]
     found = np.linalg.solve(free.T @ free, free.T @ target)
     # Rounded, so that the last digits of one machine's linear algebra make no difference.
     found = np.rint(found * _STEPS) / _STEPS
-    return np.concatenate([[1 - 2 * found.sum()], found])
+    return Filter(stride, np.concatenate([[1 - 2 * found.sum()], found]))
+
+
+def errors(chosen: Filter, side: _F64) -> _F64:
+    """How far the weights of a window's pixels are from those that have `side` from their middle on.
+
+    Returns
+    -------
+    ndarray, (stride // 2 + 1, N)
+        A row for each place of a pixel between its knots, but for mirror images.
+    """
+    equations, wanted = _equations(side, chosen.stride, len(chosen.taps) - 1)
+    return equations @ chosen.taps - wanted
+
+
+def _equations(side: _F64, stride: int, reach: int) -> tuple[npt.NDArray[np.float64], _F64]:
+    """Kernels that each tap makes by itself, (stride // 2 + 1, N, reach + 1), and the wanted one, (N,)."""
+    box = np.ones(stride) / stride
+    spline = np.convolve(np.convolve(box, box), np.convolve(box, box))
+    spread = 2 * (stride - 1)
+    middle = max(stride * (reach + 2) + spread, len(side) - 1)
+    kernels = np.zeros((stride // 2 + 1, 2 * middle + 1, reach + 1))
+    for place in range(stride // 2 + 1):
+        # From the knots' sums to a pixel `place` to the right of one; then from the pixels to the sums.
+        by_itself = np.zeros(2 * (spread + 2 * stride) + 1)
+        for knot in range(-1, 3):
+            away = place - stride * knot + spread
+            if 0 <= away < len(spline):
+                start = 2 * stride + stride * knot - place
+                by_itself[start : start + len(spline)] += stride * spline[away] * spline
+        half = len(by_itself) // 2
+        for tap in range(-reach, reach + 1):
+            centre = middle + stride * tap
+            lower, upper = max(centre - half, 0), min(centre + half + 1, 2 * middle + 1)
+            kernels[place, lower:upper, abs(tap)] += by_itself[
+                lower - centre + half : upper - centre + half
+            ]
+    wanted = np.zeros(2 * middle + 1)
+    wanted[middle : middle + len(side)] = side
+    wanted[middle - len(side) + 1 : middle + 1] = side[::-1]
+    return kernels, wanted

@@ -15,8 +15,16 @@ def weights(sigma, truncate):
 
 def blur(padded, weight):
     """Weighted means over the rows and columns of (H + 2 reach, W + 2 reach), (H, W)."""
-    rows = np.apply_along_axis(np.convolve, 0, padded, weight, mode="valid")
-    return np.apply_along_axis(np.convolve, 1, rows, weight, mode="valid")
+    rows, columns = (band(length - len(weight) + 1, weight) for length in padded.shape)
+    return rows @ padded @ columns.T
+
+
+def band(count, weight):
+    """The matrix whose row i holds the weights from column i on."""
+    matrix = np.zeros((count, count + len(weight) - 1))
+    for i in range(count):
+        matrix[i, i : i + len(weight)] = weight
+    return matrix
 
 
 def volume(kind, left, right, disparities, sigma, truncate=4.0):
@@ -56,3 +64,21 @@ def between(kind, left, right, mean, channels):
         has_norm = (left_norm > FLAT) & (right_norm > FLAT)
         return np.where(has_norm, -total / np.sqrt(np.where(has_norm, left_norm * right_norm, 1)), 0.0)
     return total
+
+
+def knots(values, stride, taps):
+    """What the streaming path computes along one axis: gather, filter, spread. Values go on as their ends are."""
+    box = np.ones(stride) / stride
+    spline = np.convolve(np.convolve(box, box), np.convolve(box, box))
+    spread, reach = 2 * (stride - 1), len(taps) - 1
+    at = np.arange(-reach - 1, (len(values) - 1) // stride + 3 + reach)
+    pixels = (stride * at[:, None] + np.arange(-spread, spread + 1)).clip(0, len(values) - 1)
+    gathered = values[pixels] @ spline
+    filtered = np.convolve(gathered, np.concatenate([taps[:0:-1], taps]), mode="valid")
+    result = np.zeros(len(values))
+    for x in range(len(values)):
+        for k in range(len(filtered)):
+            away = x - stride * (k - 1) + spread
+            if 0 <= away < len(spline):
+                result[x] += stride * spline[away] * filtered[k]
+    return result

@@ -2,10 +2,11 @@
 
 python benchmarks/gaussian.py [LEFT RIGHT] [--repeats N] [--sigmas S,S] [--no-times] [--no-errors]
 
-Without images the synthetic street of 881 x 400 is matched; 8-bit grey, 128 candidates. Times are taken in turns with those of
-box ZNCC 31 in one process; --clock cpu counts the processor's time instead of the wall's, for a machine that others use (one
-thread only). Errors are those of the definition's truncated weights: of the kernels along one axis; and, at each pixel, of the
-definition's own costs at the candidate that the streaming path chooses and at the least one.
+Without images the synthetic street of 881 x 400 is matched; 8-bit grey, 128 candidates. Times are taken in
+turns with those of box ZNCC 31 in one process; --clock cpu counts the processor's time instead of the wall's,
+for a machine that others use (one thread only). Errors are against the definition's truncated weights: those of
+the kernels along one axis; and, at each pixel, what the definition's cost of the candidate that the streaming
+path chooses is above the definition's least cost.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ def paired(task: Task, beside: Task, repeats: int, clock: Callable[[], float]) -
     return f"{middle:.2f} | {low:.2f} to {high:.2f} | {first:.1f} ÷ {second:.1f} ms"
 
 
-def times(pair: cost.Pixels, sigmas: list[float], repeats: int, clock: Callable[[], float], threads: list[int]) -> None:
+def times(
+    pair: cost.Pixels, sigmas: list[float], repeats: int, clock: Callable[[], float], threads: list[int]
+) -> None:
     print("\n| what | threads | median ratio to box ZNCC 31 | quartiles | medians |")
     print("| --- | ---: | ---: | ---: | ---: |")
     lines = [("zncc", sigma, None, None) for sigma in sigmas]
@@ -101,7 +104,9 @@ def band(count: int, side: _F64) -> _F64:
     return matrix
 
 
-def definition(kind: str, pair: cost.Pixels, candidates: Disparities, sigma: float) -> npt.NDArray[np.float32]:
+def definition(
+    kind: str, pair: cost.Pixels, candidates: Disparities, sigma: float
+) -> npt.NDArray[np.float32]:
     """Costs (H, W, D) of a grey pair from the truncated weights; infinite out of view."""
     side = _gaussian.gaussian(sigma, TRUNCATE)
     height, width = pair.left.shape[:2]
@@ -135,7 +140,7 @@ def definition(kind: str, pair: cost.Pixels, candidates: Disparities, sigma: flo
 
 
 def cost_errors(pair: cost.Pixels, sigmas: list[float], candidates: Disparities) -> None:
-    print("\n| cost | sigma | same winner | within 1 candidate | mean excess cost | 99.99 % | largest | sub-pixel |")
+    print("\n| cost | sigma | same winner | within 1 | mean excess | 99.99 % | largest | sub-pixel |")
     print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
     for kind, sigma in [("zncc", sigma) for sigma in sigmas] + [(kind, 15.0) for kind in KINDS[:-1]]:
         volume = definition(kind, pair, candidates, sigma)
@@ -159,7 +164,8 @@ def cost_errors(pair: cost.Pixels, sigmas: list[float], candidates: Disparities)
         offset = (before - after) / 2 / (before + after - 2 * here)
         off = abs(fine[inner] - candidates.min - index[inner] - offset)
         print(
-            f"| {kind} | {sigma:g} | {(apart == 0).mean():.3%} | {(apart <= 1).mean():.3%} | {excess.mean():.1e} | "
+            f"| {kind} | {sigma:g} | {(apart == 0).mean():.3%} | {(apart <= 1).mean():.3%} | "
+            f"{excess.mean():.1e} | "
             f"{np.quantile(excess, 0.9999):.1e} | {excess.max():.1e} | {off.mean():.4f} px |",
             flush=True,
         )

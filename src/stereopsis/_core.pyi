@@ -11,6 +11,7 @@ _I64 = npt.NDArray[np.int64]
 _F32 = npt.NDArray[np.float32]
 
 narrow_limit: int
+largest_stride: int
 
 def instruction_sets() -> list[str]: ...
 @overload
@@ -43,6 +44,24 @@ def match_wide(
     cost: int,
     window_width: int,
     window_height: int,
+    subpixel: int,
+    left_right: float | None,
+    uniqueness: float | None,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def match_gaussian(
+    left: _U8,
+    right: _U8,
+    first: int,
+    count: int,
+    cost: int,
+    stride: int,
+    taps: npt.NDArray[np.float64],
     subpixel: int,
     left_right: float | None,
     uniqueness: float | None,

@@ -82,9 +82,9 @@ def match_gaussian(
     uniqueness: float | None,
     threads: int,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    """Disparity, confidence and flags, (H, W) each, with windows weighted by a Gaussian; the time hardly grows with sigma.
+    """Disparity, confidence and flags, (H, W) each, with windows weighted by a Gaussian.
 
-    Some candidate of the range has to be in view.
+    The time hardly grows with sigma. Some candidate of the range has to be in view.
 
     Raises
     ------

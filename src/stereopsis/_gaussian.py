@@ -1,8 +1,8 @@
 """The filter of the streaming Gaussian windows: how far apart its knots are, and what is done between them.
 
-A cubic B-spline gathers pixels into knots `stride` pixels apart, `taps` run over the knots, and a cubic B-spline
-spreads them over the pixels again (Unser, Aldroubi & Eden 1993, doi:10.1109/78.193220). The taps are the least
-squares solution for which the three together, at every place of a pixel between its knots, are the Gaussian.
+A cubic B-spline gathers pixels into knots `stride` pixels apart, `taps` run over the knots, and a cubic
+B-spline spreads them over the pixels again (Unser, Aldroubi & Eden 1993, doi:10.1109/78.193220). The taps are
+the least squares solution for which the three together, at every place of a pixel between its knots, are the Gaussian.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ class Filter(NamedTuple):
 
 
 def gaussian(sigma: float, truncate: float) -> _F64:
-    """Weights ``exp(-i^2 / (2 sigma^2))``, ``0 <= i <= round(truncate * sigma)``, of sum 1 over both sides."""
+    """``exp(-i^2 / (2 sigma^2))``, ``0 <= i <= round(truncate * sigma)``, of sum 1 over both sides."""
     i = np.arange(round(truncate * sigma) + 1)
     weights: _F64 = np.exp(-(i**2) / (2.0 * sigma**2))
-    return weights / (weights[0] + 2 * weights[1:].sum())
+    side: _F64 = weights / (weights[0] + 2 * weights[1:].sum())
+    return side
 
 
 @lru_cache(maxsize=64)
@@ -92,9 +93,7 @@ def _equations(side: _F64, stride: int, reach: int) -> tuple[npt.NDArray[np.floa
         for tap in range(-reach, reach + 1):
             centre = middle + stride * tap
             lower, upper = max(centre - half, 0), min(centre + half + 1, 2 * middle + 1)
-            kernels[place, lower:upper, abs(tap)] += by_itself[
-                lower - centre + half : upper - centre + half
-            ]
+            kernels[place, lower:upper, abs(tap)] += by_itself[lower - centre + half : upper - centre + half]
     wanted = np.zeros(2 * middle + 1)
     wanted[middle : middle + len(side)] = side
     wanted[middle - len(side) + 1 : middle + 1] = side[::-1]

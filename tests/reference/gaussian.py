@@ -1,4 +1,4 @@
-"""The definition of Gaussian windows: truncated weights, edge pixels repeated, weighted moments in float64."""
+"""The definition of Gaussian windows: truncated weights, edge pixels repeated, moments in float64."""
 
 import numpy as np
 
@@ -67,7 +67,7 @@ def between(kind, left, right, mean, channels):
 
 
 def knots(values, stride, taps):
-    """What the streaming path computes along one axis: gather, filter, spread. Values go on as their ends are."""
+    """What the streaming path computes along one axis: gather, filter, spread. The ends are repeated."""
     box = np.ones(stride) / stride
     spline = np.convolve(np.convolve(box, box), np.convolve(box, box))
     spread, reach = 2 * (stride - 1), len(taps) - 1

@@ -3,10 +3,10 @@
 python benchmarks/gaussian.py [LEFT RIGHT] [--repeats N] [--sigmas S,S] [--no-times] [--no-errors]
 
 Without images the synthetic street of 881 x 400 is matched; 8-bit grey, 128 candidates. Times are taken in
-turns with those of box ZNCC 31 in one process; --clock cpu counts the processor's time instead of the wall's,
-for a machine that others use (one thread only). Errors are against the definition's truncated weights: those of
-the kernels along one axis; and, at each pixel, what the definition's cost of the candidate that the streaming
-path chooses is above the definition's least cost.
+turns with those of box ZNCC 31 in one process; --clock cpu counts the processor's time instead of the
+wall's, for a machine that others use (one thread only). Errors are against the definition's truncated
+weights: those of the kernels along one axis; and, at each pixel, what the definition's cost of the candidate
+that the streaming path chooses is above the definition's least cost.
 """
 
 from __future__ import annotations

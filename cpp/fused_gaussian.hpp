@@ -660,7 +660,8 @@ class GaussianRows {
       const size_t j = p * stats + (p_.width - 1 - x) + at;
       float* best = best_ + row * best_pitch() + group * lanes;
       float* costs = costs_of(row) + at;
-      [[maybe_unused]] const int lo = first_seen(x), hi = end_seen(x);
+      // `inside` counts round the end of the integers where a pixel sees nothing and its bounds have crossed.
+      [[maybe_unused]] const int lo = first_seen(x), hi = end_seen(x) > lo ? end_seen(x) : lo;
       F b = fresh ? Simd::set(worst) : Simd::load(best);
       F weight[Knots], slope[C];
       unrolled<Knots>([&](auto i) STEREOPSIS_INLINE_LAMBDA { weight[i] = Simd::set(w[i]); });

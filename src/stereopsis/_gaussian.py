@@ -2,7 +2,8 @@
 
 A cubic B-spline gathers pixels into knots `stride` pixels apart, `taps` run over the knots, and a cubic
 B-spline spreads them over the pixels again (Unser, Aldroubi & Eden 1993, doi:10.1109/78.193220). The taps are
-the least squares solution for which the three together, at every place of a pixel between its knots, are the Gaussian.
+the least squares solution for which the three together, at every place of a pixel between its knots, are the
+Gaussian.
 """
 
 from __future__ import annotations

@@ -278,7 +278,7 @@ def test_numbers_of_candidates_around_those_of_vector_lanes(monkeypatch, kind, c
 def test_images_smaller_than_the_window(monkeypatch, kind, shape, sigma):
     left, right = images(2, shape, shift=0)
     width = shape[1]
-    for disparities in ((0, 1), (1 - width, width), (-40, 50)):
+    for disparities in ((1 - width, width), (-width - 5, width + 4)):
         volume = definition(kind, left, right, disparities, sigma)
         found = []
         for instructions in (SETS[0], SETS[-1]):
@@ -318,15 +318,15 @@ def test_other_pixels_and_costs_are_refused():
 
 
 @pytest.mark.skipif(not (DATA / "drivingstereo").is_dir(), reason="needs the real pairs")
-@pytest.mark.parametrize("number", [0, 7, 14])
+@pytest.mark.parametrize("number", [0, 7])
 @pytest.mark.parametrize("kind", ["zncc", "sad"])
 def test_real_pairs_have_the_definitions_winners(number, kind):
     name = sorted((DATA / "drivingstereo").glob("*-left.jpg"))[number]
     left, right = (
-        np.asarray(Image.open(str(name).replace("-left", side)).convert("L"))[180:260].copy()
+        np.asarray(Image.open(str(name).replace("-left", side)).convert("L"))[200:240].copy()
         for side in ("-left", "-right")
     )
-    volume = definition(kind, left, right, (0, 48), 15.0)
-    disparity = match(kind, left, right, (0, 48), 15.0)[0]
+    volume = definition(kind, left, right, (0, 32), 15.0)
+    disparity = match(kind, left, right, (0, 32), 15.0)[0]
     assert (abs(disparity - volume.argmin(axis=2)) <= 1).mean() > 0.999
     assert excess(volume, disparity, 0).mean() < 1e-5 * SCALE[kind]

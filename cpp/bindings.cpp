@@ -89,6 +89,30 @@ void match_pair(const Array<const T, 3>& left, const Array<const T, 3>& right, i
   run(threads, [&](const Workers& workers) { match(pair, settings, narrow, kernel, out, workers); });
 }
 
+void match_gaussian_pair(const Array<const uint8_t, 3>& left, const Array<const uint8_t, 3>& right, int first, int count,
+                         int cost, int stride, const Array<const double, 1>& taps, int subpixel,
+                         std::optional<double> left_right, std::optional<double> uniqueness, const Array<float, 2>& disparity,
+                         const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags, int threads,
+                         const std::string& instructions) {
+  const Pair pair = pair_of(left, right, first, count);
+  const FusedSettings settings{static_cast<CostKind>(cost),
+                               {1, 1},
+                               static_cast<Subpixel>(subpixel),
+                               left_right.has_value(),
+                               left_right.value_or(0),
+                               uniqueness.has_value(),
+                               uniqueness.value_or(1)};
+  require(settings.cost != CostKind::zsad, "ZSAD has no Gaussian window here");
+  require(1 <= stride && stride <= kLargestStride && taps.size() > 0, "no such filter");
+  const GaussianFilter filter{stride, static_cast<int>(taps.size()) - 1, taps.data()};
+  require_shape(disparity, pair.height, pair.width);
+  require_shape(confidence, pair.height, pair.width);
+  require_shape(flags, pair.height, pair.width);
+  const FusedKernel& kernel = choose_kernel(instructions);
+  const FusedOutput out{disparity.data(), confidence.data(), flags.data()};
+  run(threads, [&](const Workers& workers) { match_gaussian(pair, settings, filter, kernel, out, workers); });
+}
+
 using Pixels = Array<const int32_t, 3>;
 
 AlignedPair aligned_pair(const Pixels& left, const Pixels& right) {
@@ -322,6 +346,9 @@ NB_MODULE(_core, m) {
   // Two names, not one: where an argument needs converting, a call may else end up with the wrong kind of pixels.
   m.def("match_narrow", &match_pair<uint8_t>);
   m.def("match_wide", &match_pair<int32_t>);
+
+  m.def("match_gaussian", &match_gaussian_pair);
+  m.attr("largest_stride") = kLargestStride;
 
   bind_grey<uint8_t>(m);
   bind_grey<int32_t>(m);

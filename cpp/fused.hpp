@@ -60,12 +60,14 @@ struct SupportKernels;
 // What one build of the kernels offers. `rows` matches rows [begin, end): of uint8 images where `narrow`, of int32 ones
 // (16-bit pixels, or 21-bit fixed point) where not; `scratch` is 64-byte aligned and holds `scratch_bytes`; it stops
 // early when `cancel` is set.
+struct GaussianKernel;  // see gaussian.hpp
 struct FusedKernel {
   const char* name;
   size_t (*scratch_bytes)(const Pair&, const FusedSettings&, bool narrow);
   void (*rows)(const Pair&, const FusedSettings&, bool narrow, const FusedOutput&, int begin, int end, void* scratch,
                const Cancel& cancel);
   const SupportKernels* supports;  // costs over weighted supports: supports.hpp
+  const GaussianKernel* gaussian;
 };
 
 }  // namespace stereopsis

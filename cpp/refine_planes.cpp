@@ -78,7 +78,7 @@ bool solve(double (&A)[N][N], double (&b)[N]) {
 }
 
 // Disparity d + a u + b v at column u and row v of the window.
-struct Plane {
+struct Tilt {
   double d, a, b;
 };
 
@@ -153,9 +153,9 @@ class Aligner {
   struct Step {
     double correlation;
     bool solved;
-    Plane by;
+    Tilt by;
   };
-  Step step(const Plane& plane) const {
+  Step step(const Tilt& plane) const {
     // Columns of the linear problem: the warped right window, and the left one's slope times 1, u, v.
     double A[4][4] = {}, b[4] = {};
     const double n = static_cast<double>(w_.area()), drift = -plane.a;
@@ -252,7 +252,7 @@ void align_planes(const AlignedPair& pair, const Window& window, const float* st
         slopes[2 * at] = slopes[2 * at + 1] = 0;
         if (std::isnan(start[at])) continue;
         aligner.take(x, y, start[at]);
-        Plane plane{start[at], 0, 0};
+        Tilt plane{start[at], 0, 0};
         double best = 0;
         bool moved = true;
         for (int k = 0; k < iterations && moved; ++k) {
@@ -263,7 +263,7 @@ void align_planes(const AlignedPair& pair, const Window& window, const float* st
           slopes[2 * at] = static_cast<float>(plane.a);
           slopes[2 * at + 1] = static_cast<float>(plane.b);
           if (!step.solved) break;
-          const Plane before = plane;
+          const Tilt before = plane;
           plane.d = within(plane.d + step.by.d, start[at] - kReach, start[at] + kReach);
           plane.a = within(plane.a + step.by.a, -kSteepest[0], kSteepest[0]);
           plane.b = within(plane.b + step.by.b, -kSteepest[1], kSteepest[1]);

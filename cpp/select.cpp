@@ -77,11 +77,7 @@ template void select_left(const int64_t*, int, const Lattice&, int, int, const W
 template void select_left(const float*, int, const Lattice&, int, int, const Winners<float>&, const Workers&);
 template void select_right(const int64_t*, int, const Lattice&, int, int, int32_t*, const Workers&);
 template void select_right(const float*, int, const Lattice&, int, int, int32_t*, const Workers&);
-template void select_left(const int64_t*, int, int, int, int, const Winners<int64_t>&, const Workers&);
-template void select_left(const float*, int, int, int, int, const Winners<float>&, const Workers&);
 template void select_at(const int64_t*, int, int, int, int, const Winners<int64_t>&, const Workers&);
 template void select_at(const float*, int, int, int, int, const Winners<float>&, const Workers&);
-template void select_right(const int64_t*, int, int, int, int, int32_t*, const Workers&);
-template void select_right(const float*, int, int, int, int, int32_t*, const Workers&);
 
 }  // namespace stereopsis

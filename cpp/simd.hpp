@@ -59,6 +59,7 @@ struct Simd {
   static constexpr int block = 8;  // vectors of disparities held in registers at once
   using I = __m512i;
   using F = __m512;
+  using D = __m512d;
   using M = __mmask16;
 
   static STEREOPSIS_INLINE I load(const int32_t* p) { return _mm512_loadu_si512(p); }
@@ -143,6 +144,20 @@ struct Simd {
     return _mm512_add_epi32(acc, _mm512_madd_epi16(a, b));
 #endif
   }
+  // Doubles, half as many a vector.
+  static STEREOPSIS_INLINE D load(const double* p) { return _mm512_loadu_pd(p); }
+  static STEREOPSIS_INLINE void store(double* p, D v) { _mm512_storeu_pd(p, v); }
+  static STEREOPSIS_INLINE D set(double v) { return _mm512_set1_pd(v); }
+  static STEREOPSIS_INLINE D add(D a, D b) { return _mm512_add_pd(a, b); }
+  static STEREOPSIS_INLINE D sub(D a, D b) { return _mm512_sub_pd(a, b); }
+  static STEREOPSIS_INLINE D mul(D a, D b) { return _mm512_mul_pd(a, b); }
+  // The lanes of the lower, and of the upper, half.
+  static STEREOPSIS_INLINE D lower(I v) { return _mm512_cvtepi32_pd(_mm512_castsi512_si256(v)); }
+  static STEREOPSIS_INLINE D upper(I v) { return _mm512_cvtepi32_pd(_mm512_extracti64x4_epi64(v, 1)); }
+  static STEREOPSIS_INLINE void store(float* p, D v) { _mm256_storeu_ps(p, _mm512_cvtpd_ps(v)); }
+  // On pairs of int16, products and differences that fit them.
+  static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm512_mullo_epi16(a, b); }
+  static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm512_abs_epi16(_mm512_sub_epi16(a, b)); }
   // The bytes of four rows side by side, one group of four a lane.
   static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
     const auto widen = [](const uint8_t* p) {
@@ -172,6 +187,7 @@ struct Simd {
   static constexpr int block = 4;
   using I = __m256i;
   using F = __m256;
+  using D = __m256d;
   struct M {
     __m256i v;
   };
@@ -240,6 +256,17 @@ struct Simd {
   static STEREOPSIS_INLINE M equal(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_EQ_OQ))}; }
   static STEREOPSIS_INLINE M equal(I a, I b) { return {_mm256_cmpeq_epi32(a, b)}; }
   static STEREOPSIS_INLINE I dot16(I acc, I a, I b) { return _mm256_add_epi32(acc, _mm256_madd_epi16(a, b)); }
+  static STEREOPSIS_INLINE D load(const double* p) { return _mm256_loadu_pd(p); }
+  static STEREOPSIS_INLINE void store(double* p, D v) { _mm256_storeu_pd(p, v); }
+  static STEREOPSIS_INLINE D set(double v) { return _mm256_set1_pd(v); }
+  static STEREOPSIS_INLINE D add(D a, D b) { return _mm256_add_pd(a, b); }
+  static STEREOPSIS_INLINE D sub(D a, D b) { return _mm256_sub_pd(a, b); }
+  static STEREOPSIS_INLINE D mul(D a, D b) { return _mm256_mul_pd(a, b); }
+  static STEREOPSIS_INLINE D lower(I v) { return _mm256_cvtepi32_pd(_mm256_castsi256_si128(v)); }
+  static STEREOPSIS_INLINE D upper(I v) { return _mm256_cvtepi32_pd(_mm256_extracti128_si256(v, 1)); }
+  static STEREOPSIS_INLINE void store(float* p, D v) { _mm_storeu_ps(p, _mm256_cvtpd_ps(v)); }
+  static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm256_mullo_epi16(a, b); }
+  static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm256_abs_epi16(_mm256_sub_epi16(a, b)); }
   static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
     const auto widen = [](const uint8_t* p) {
       return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(p)));
@@ -266,6 +293,9 @@ struct Simd {
   };
   struct F {
     float v[lanes];
+  };
+  struct D {
+    double v[lanes / 2];
   };
   struct M {
     int32_t v[lanes];  // 0 or -1
@@ -357,6 +387,32 @@ struct Simd {
   static STEREOPSIS_INLINE I dot16(const I& acc, const I& a, const I& b) {
     STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(acc.v[i]) +
                             static_cast<uint32_t>(low(a.v[i]) * low(b.v[i]) + high(a.v[i]) * high(b.v[i]))));
+  }
+#define STEREOPSIS_EACH_DOUBLE(expression)               \
+  D r;                                                    \
+  for (int i = 0; i < lanes / 2; ++i) r.v[i] = expression; \
+  return r
+  static STEREOPSIS_INLINE D load(const double* p) { STEREOPSIS_EACH_DOUBLE(p[i]); }
+  static STEREOPSIS_INLINE void store(double* p, const D& v) { std::memcpy(p, v.v, sizeof v.v); }
+  static STEREOPSIS_INLINE D set(double v) { STEREOPSIS_EACH_DOUBLE(v); }
+  static STEREOPSIS_INLINE D add(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] + b.v[i]); }
+  static STEREOPSIS_INLINE D sub(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] - b.v[i]); }
+  static STEREOPSIS_INLINE D mul(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] * b.v[i]); }
+  static STEREOPSIS_INLINE D lower(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i])); }
+  static STEREOPSIS_INLINE D upper(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i + lanes / 2])); }
+  static STEREOPSIS_INLINE void store(float* p, const D& v) {
+    for (int i = 0; i < lanes / 2; ++i) p[i] = static_cast<float>(v.v[i]);
+  }
+#undef STEREOPSIS_EACH_DOUBLE
+  static STEREOPSIS_INLINE int32_t both16(int32_t lower, int32_t upper) {
+    return static_cast<int32_t>((static_cast<uint32_t>(lower) & 0xFFFF) | static_cast<uint32_t>(upper) << 16);
+  }
+  static STEREOPSIS_INLINE int32_t apart(int32_t a, int32_t b) { return a < b ? b - a : a - b; }
+  static STEREOPSIS_INLINE I mul16(const I& a, const I& b) {
+    STEREOPSIS_EACH(I, both16(low(a.v[i]) * low(b.v[i]), high(a.v[i]) * high(b.v[i])));
+  }
+  static STEREOPSIS_INLINE I abs_diff16(const I& a, const I& b) {
+    STEREOPSIS_EACH(I, both16(apart(low(a.v[i]), low(b.v[i])), apart(high(a.v[i]), high(b.v[i]))));
   }
   static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
     STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a[i]) | static_cast<uint32_t>(b[i]) << 8 |

@@ -6,6 +6,7 @@
 #include <functional>
 
 #include "fused.hpp"
+#include "gaussian.hpp"
 #include "score.hpp"
 #include "supports.hpp"
 
@@ -149,6 +150,10 @@ void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best,
 // Takes over from `other`, matched with another window, where it expects the smaller variance.
 void merge_window(const Hypothesis& other, CostKind kind, int height, int width, const Hypothesis& best, float* variance,
                   const Workers& workers);
+
+// 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
+void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
+                    const FusedOutput& out, const Workers& workers);
 
 // ---- validate --------------------------------------------------------------------------------------------------------
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.

@@ -1006,6 +1006,163 @@ void test_interruption() {
     }
 }
 
+// ---- windows weighted by a Gaussian ----------------------------------------------------------------------------------
+
+struct Taps {
+  int stride;
+  std::vector<double> taps;
+  GaussianFilter filter() const { return {stride, static_cast<int>(taps.size()) - 1, taps.data()}; }
+};
+
+// Bell-shaped taps of sum 1.
+Taps bell(int stride, int reach) {
+  Taps t{stride, {}};
+  double sum = 0;
+  for (int k = 0; k <= reach; ++k) {
+    t.taps.push_back(std::exp(-2.0 * k * k / (0.1 + reach * reach)));
+    sum += t.taps.back() * (k ? 2 : 1);
+  }
+  for (double& tap : t.taps) tap /= sum;
+  return t;
+}
+
+// What pixel `x` weighs its neighbourhood with: pairs of position and weight.
+std::vector<std::pair<int, double>> weights_at(const Taps& t, int x) {
+  const int s = t.stride, reach = static_cast<int>(t.taps.size()) - 1, spread = 2 * (s - 1);
+  std::vector<double> spline{1};
+  for (int pass = 0; pass < 4; ++pass) {
+    std::vector<double> sum(spline.size() + s - 1, 0);
+    for (size_t k = 0; k < spline.size(); ++k)
+      for (int j = 0; j < s; ++j) sum[k + j] += spline[k] / s;
+    spline = sum;
+  }
+  std::vector<std::pair<int, double>> weights;
+  const int own = x / s;
+  for (int knot = own - 1; knot <= own + 2; ++knot) {
+    const int away = x - s * knot + spread;
+    if (away < 0 || away > 2 * spread) continue;
+    for (int j = -reach; j <= reach; ++j)
+      for (int k = -spread; k <= spread; ++k)
+        weights.emplace_back(s * (knot + j) + k, s * spline[away] * t.taps[std::abs(j)] * spline[k + spread]);
+  }
+  return weights;
+}
+
+template <class Value>
+double weighted(const std::vector<std::pair<int, double>>& rows, const std::vector<std::pair<int, double>>& columns, Value value) {
+  double sum = 0;
+  for (const auto& [y, wy] : rows) {
+    double row = 0;
+    for (const auto& [x, wx] : columns) row += wx * value(y, x);
+    sum += wy * row;
+  }
+  return sum;
+}
+
+double naive_gaussian_cost(const Problem& p, CostKind kind, const Taps& t, int y, int x, int i) {
+  const auto rows = weights_at(t, y), columns = weights_at(t, x);
+  const int d = p.first + i;
+  double total = 0, left = 0, right = 0;
+  for (int c = 0; c < p.channels; ++c) {
+    const auto l = [&](int v, int u) { return static_cast<double>(p.at(p.left, v, u, c)); };
+    const auto r = [&](int v, int u) { return static_cast<double>(p.at(p.right, v, u - d, c)); };
+    const auto mean = [&](auto value) { return weighted(rows, columns, value); };
+    const double ml = mean(l), mr = mean(r);
+    switch (kind) {
+      case CostKind::sad:
+        total += mean([&](int v, int u) { return std::abs(l(v, u) - r(v, u)); });
+        break;
+      case CostKind::ssd:
+      case CostKind::zssd:
+        total += mean([&](int v, int u) { return (l(v, u) - r(v, u)) * (l(v, u) - r(v, u)); });
+        if (kind == CostKind::zssd) total -= (ml - mr) * (ml - mr);
+        break;
+      default: {
+        const double centre = kind == CostKind::zncc ? 1 : 0;
+        total -= mean([&](int v, int u) { return l(v, u) * r(v, u); }) - centre * ml * mr;
+        left += mean([&](int v, int u) { return l(v, u) * l(v, u); }) - centre * ml * ml;
+        right += mean([&](int v, int u) { return r(v, u) * r(v, u); }) - centre * mr * mr;
+      }
+    }
+  }
+  if (kind != CostKind::ncc && kind != CostKind::zncc) return total;
+  return left > 1e-5 && right > 1e-5 ? total / std::sqrt(left * right) : 0;
+}
+
+// Every scratch is as large as it is said to be, and so is every row of knots.
+Answer stream_gaussian(const FusedKernel& kernel, const Problem& p, const FusedSettings& s, const Taps& t) {
+  Answer answer(static_cast<size_t>(p.height) * p.width);
+  match_gaussian(p.narrow(), s, t.filter(), kernel, answer.out(), kAlone);
+  return answer;
+}
+
+const CostKind kGaussianCosts[] = {CostKind::sad, CostKind::ssd, CostKind::zssd, CostKind::ncc, CostKind::zncc};
+
+void test_gaussian() {
+  Random random{21};
+  for (const CostKind cost : kGaussianCosts)
+    for (const int stride : {1, 2, 3, 7, 12})
+      for (const int channels : {1, 3}) {
+        const Pixels pixels = random.below(2) ? Pixels::bytes : Pixels::extreme;
+        const Problem p = problem(random, pixels, random.between(1, 6), random.between(1, 24), channels, random.between(-3, 0),
+                                  random.between(4, 7), {1, 1});
+        const Taps t = bell(stride, random.between(1, 3));
+        const FusedSettings s{cost, {1, 1}, Subpixel::none, false, 0, false, 1};
+        const std::string told = std::string(name(cost)) + " stride " + text(stride) + " " + p.told();
+        const Answer first = stream_gaussian(*available_kernels().front(), p, s, t);
+        for (const FusedKernel* kernel : available_kernels())
+          CHECK(same(stream_gaussian(*kernel, p, s, t), first), std::string(kernel->name) + " " + told);
+        const bool correlation = cost == CostKind::ncc || cost == CostKind::zncc;
+        // Direct weights are 15 bits; else only sums of floats are rounded.
+        const double tolerance = (correlation ? 1.0 : cost == CostKind::sad ? 255.0 : 65025.0) * (stride == 1 ? 5e-4 : 2e-5);
+        bool least = true, seen = true;
+        for (int y = 0; y < p.height; ++y)
+          for (int x = 0; x < p.width; ++x) {
+            std::vector<double> costs(p.count, worst_cost<double>());
+            for (int i = 0; i < p.count; ++i)
+              if (p.in_view(x, i)) costs[i] = naive_gaussian_cost(p, cost, t, y, x, i);
+            const size_t at = static_cast<size_t>(y) * p.width + x;
+            const int best = naive_winner(costs);
+            seen = seen && (best < 0) == std::isnan(first.disparity[at]);
+            if (best < 0 || std::isnan(first.disparity[at])) continue;
+            least = least && costs[static_cast<int>(first.disparity[at]) - p.first] <= costs[best] + tolerance;
+          }
+        CHECK(seen && least, told);
+      }
+}
+
+void test_gaussian_threads_and_interruption() {
+  Random random{22};
+  const Problem p = problem(random, Pixels::bytes, 300, 40, 1, -2, 20, {1, 1});
+  for (const CostKind cost : kGaussianCosts)
+    for (const Taps& t : {bell(1, 4), bell(3, 4)}) {
+      const FusedSettings s{cost, {1, 1}, Subpixel::parabola, true, 1, true, 1.05};
+      for (const FusedKernel* kernel : available_kernels()) {
+        const Answer alone = stream_gaussian(*kernel, p, s, t);
+        for (const int threads : {2, 7, 300}) {
+          Answer answer(alone.flags.size());
+          match_gaussian(p.narrow(), s, t.filter(), *kernel, answer.out(), {threads, [] { return false; }});
+          CHECK(same(answer, alone), std::string(kernel->name) + " " + name(cost) + " on " + text(threads));
+        }
+      }
+    }
+  const Problem large = problem(random, Pixels::bytes, 600, 1500, 1, 0, 600, {1, 1});
+  for (const FusedKernel* kernel : available_kernels())
+    for (const Taps& t : {bell(1, 9), bell(2, 9)}) {
+      const FusedSettings s{CostKind::zncc, {1, 1}, Subpixel::parabola, true, 1, true, 1.05};
+      Answer answer(static_cast<size_t>(large.height) * large.width);
+      const auto start = std::chrono::steady_clock::now();
+      bool interrupted = false;
+      try {
+        match_gaussian(large.narrow(), s, t.filter(), *kernel, answer.out(), {2, [] { return true; }});
+      } catch (const Interrupted&) {
+        interrupted = true;
+      }
+      const double seconds = seconds_since(start);
+      CHECK(interrupted && seconds < 5, std::string(kernel->name) + " took " + std::to_string(seconds));
+    }
+}
+
 void test_bands() {
   for (const int rows : {1, 2, 7, 100})
     for (const int threads : {1, 2, 3, 7, 200}) {
@@ -1245,6 +1402,8 @@ int main() {
   timed("merging", test_merging);
   timed("winning costs", test_winning_costs);
   timed("interruption", test_interruption);
+  timed("Gaussian windows", test_gaussian);
+  timed("Gaussian windows, threads", test_gaussian_threads_and_interruption);
   timed("bounds of sums", test_bounds_of_sums);
   std::printf("%d passed, %d failed\n", passed, failed);
   return failed ? EXIT_FAILURE : EXIT_SUCCESS;

@@ -12,6 +12,7 @@ _F32 = npt.NDArray[np.float32]
 _F64 = npt.NDArray[np.float64]
 
 narrow_limit: int
+largest_stride: int
 
 def instruction_sets() -> list[str]: ...
 @overload
@@ -52,6 +53,24 @@ def match_wide(
     confidence: _F32,
     flags: _U8,
     winning_cost: _F32 | None,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def match_gaussian(
+    left: _U8,
+    right: _U8,
+    first: int,
+    count: int,
+    cost: int,
+    stride: int,
+    taps: npt.NDArray[np.float64],
+    subpixel: int,
+    left_right: float | None,
+    uniqueness: float | None,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
     threads: int,
     instructions: str,
     /,

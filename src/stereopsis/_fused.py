@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _gaussian
 from stereopsis.cost import KINDS, Pixels, fits_narrow
 from stereopsis.types import Disparities
 
@@ -74,3 +74,56 @@ def match(
         os.environ.get(ENVIRONMENT, ""),
     )
     return disparity, confidence, flags
+
+
+def match_gaussian(
+    kind: str,
+    pair: Pixels,
+    disparities: Disparities,
+    sigma: float,
+    truncate: float,
+    subpixel: str | None,
+    left_right: float | None,
+    uniqueness: float | None,
+    threads: int,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Disparity, confidence and flags, (H, W) each, with windows weighted by a Gaussian.
+
+    The time hardly grows with sigma. Some candidate of the range has to be in view.
+
+    Raises
+    ------
+    ValueError
+        For what `serves_gaussian` refuses.
+    """
+    if not serves_gaussian(kind, pair):
+        raise ValueError(
+            f"streaming Gaussian windows take 8-bit pixels and no zsad, not {kind} of {pair.left.dtype}"
+        )
+    shape: tuple[int, ...] = pair.left.shape[:2]
+    disparity, confidence = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    flags = np.empty(shape, np.uint8)
+    chosen = _gaussian.filter_of(sigma, truncate)
+    _core.match_gaussian(
+        pair.left,
+        pair.right,
+        disparities.min,
+        disparities.span,
+        KINDS.index(kind),
+        chosen.stride,
+        chosen.taps,
+        SUBPIXEL.index(subpixel),
+        left_right,
+        None if uniqueness is None else 1 + uniqueness / 100,
+        disparity,
+        confidence,
+        flags,
+        threads,
+        os.environ.get(ENVIRONMENT, ""),
+    )
+    return disparity, confidence, flags
+
+
+def serves_gaussian(kind: str, pair: Pixels) -> bool:
+    """Whether `match_gaussian` takes this cost and these pixels."""
+    return bool(kind != "zsad" and pair.left.dtype == np.uint8)

@@ -170,7 +170,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
     merged = chosen.slant is not None or bool(chosen.extra_windows)
-    composed = not merged and not _streams(chosen)
+    composed = not merged and not _streams(chosen, pixels)
 
     if seen is None:
         disparity, confidence, flags = _nothing_in_view(pair.left.shape[:2])
@@ -189,16 +189,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
         disparity, confidence, flags = _match_upsampled(pixels, chosen, chosen.upsample, seen, timings)
     else:
         with _timed(timings, "match"):
-            disparity, confidence, flags = _fused.match(
-                _kind(chosen),
-                pixels,
-                seen,
-                chosen.cost.size,
-                _fit(chosen.subpixel),
-                chosen.left_right,
-                chosen.uniqueness,
-                chosen.threads,
-            )
+            disparity, confidence, flags = _stream(pixels, chosen, seen)
 
     if "planes" in chosen.keep:
         stages.setdefault("planes", np.empty((0, 3)))
@@ -245,6 +236,17 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
+
+
+def _stream(
+    pixels: cost.Pixels, chosen: Settings, seen: Disparities
+) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Cost, aggregation, selection, checks and fit at once, without a cost volume."""
+    kind, support = _kind(chosen), chosen.cost.support
+    others = _fit(chosen.subpixel), chosen.left_right, chosen.uniqueness, chosen.threads
+    if isinstance(support, Gaussian):
+        return _fused.match_gaussian(kind, pixels, seen, support.sigma, support.truncate, *others)
+    return _fused.match(kind, pixels, seen, chosen.cost.size, *others)
 
 
 def _fit(subpixel: str | None) -> str | None:
@@ -404,14 +406,16 @@ def _first_labels(
         return np.where(np.isnan(first), -1, first - np.float32(seen.min)).astype(np.int32)
 
 
-def _streams(chosen: Settings) -> bool:
+def _streams(chosen: Settings, pixels: cost.Pixels) -> bool:
     """Whether the streaming path serves these settings."""
     if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY or chosen.optimize is not None:
         return False
     match chosen.cost.support:
         case None:
             return True
-        case Gaussian() | Bilateral() | Cross() | Adaptive():
+        case Gaussian():
+            return _fused.serves_gaussian(_kind(chosen), pixels)
+        case Bilateral() | Cross() | Adaptive():
             return False
 
 

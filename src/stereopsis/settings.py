@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, cast
 
-from stereopsis.supports import MAX_WINDOW, Support, Window, as_window, window_size
+from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
 from stereopsis.optimize import (
     ICM,
     TRWS,
@@ -640,6 +640,10 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             cost=ZNCC(window=30),
             optimize=SecondPass(Smoothness("l2", 0.5), data="zssd"),
             subpixel=None,
+        ),
+        # The report's Algorithm 2; what it calls a window of 15 is a standard deviation.
+        "paper-gaussian": Settings(
+            preset="paper-gaussian", cost=ZNCC(window=Gaussian(sigma=15)), subpixel=None
         ),
         # Small windows where the surface is rich or broken, large ones elsewhere, and both along its slant.
         "local": Settings(

@@ -12,6 +12,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from stereopsis.optimize import BeliefPropagation, SecondPass, Smoothness
+from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
+
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSSD, Settings
 
 WINDOW: Final = 31
@@ -66,19 +69,60 @@ def fixed(settings: Settings) -> Callable[[int], Settings]:
     return lambda _: settings
 
 
+def gaussian(window: int) -> Settings:
+    """ZNCC under a Gaussian as wide as a box window."""
+    return Settings(cost=ZNCC(window=Gaussian(sigma=same_variance(window))))
+
+
+def smooth(norm: str, truncation: float | None = None) -> Callable[[int], Settings]:
+    """Belief propagation over a small window, which leaves outlines to the smoothness."""
+    solver = BeliefPropagation(Smoothness(norm, 0.1, truncation))
+    return lambda _: Settings(cost=ZNCC(window=5), optimize=solver)
+
+
 METHODS: Final[tuple[Method, ...]] = (
     # The sweep over windows: Figures 3-5, 7 and 8. Its names that begin with "zncc" stand in Figures 7 and 8.
     Method("ssd", "SSD", "sweep", lambda w: Settings(cost=SSD(window=w))),
     Method("zssd", "ZSSD", "sweep", lambda w: Settings(cost=ZSSD(window=w))),
     Method("ncc", "NCC", "sweep", lambda w: Settings(cost=NCC(window=w))),
     Method("zncc", "ZNCC", "sweep", zncc()),
+    Method(
+        "zncc-smoothed",
+        "ZNCC, smoothed",
+        "sweep",
+        zncc(optimize=SecondPass(Smoothness("l2", 0.5), data="zssd")),
+    ),
+    Method("zncc-gaussian", "ZNCC, Gaussian", "sweep", gaussian),
     Method("sad", "SAD", "sweep", lambda w: Settings(cost=SAD(window=w), subpixel="equiangular")),
     # Sub-pixel: whole pixels first, the rest is compared with it.
     Method("zncc-integer", "none (whole pixels)", "subpixel", zncc(subpixel=None)),
     Method("zncc-parabola", "parabola", "subpixel", zncc(subpixel="parabola")),
     Method("zncc-equiangular", "equiangular", "subpixel", zncc(subpixel="equiangular")),
+    Method("zncc-symmetric", "symmetric", "subpixel", zncc(subpixel="symmetric")),
+    Method("zncc-correlation", "correlation-optimal", "subpixel", zncc(subpixel="correlation")),
+    Method("zncc-lucas-kanade", "Lucas-Kanade", "subpixel", zncc(subpixel="lucas-kanade")),
+    Method("zncc-affine", "Lucas-Kanade, slanted", "subpixel", zncc(subpixel="lucas-kanade-affine")),
+    *(
+        Method(
+            f"zncc-upsampled-{how}", f"4 x as wide, {how}", "subpixel", zncc(subpixel=None, upsample=(4, how))
+        )
+        for how in ("nearest", "linear", "cubic", "lanczos", "area")
+    ),
     # Support windows under ZNCC.
     Method("zncc-box", "box", "supports", zncc()),
+    Method("zncc-gauss", "Gaussian", "supports", gaussian),
+    Method("zncc-bilateral", "bilateral", "supports", lambda w: Settings(cost=ZNCC(window=Bilateral(w)))),
+    Method("zncc-cross", "cross", "supports", lambda w: Settings(cost=ZNCC(window=Cross(arm=w // 2)))),
+    Method(
+        "zncc-adaptive", "adaptive", "supports", lambda _: Settings(cost=ZNCC(window=Adaptive(11))), False
+    ),
+    Method("zncc-slanted", "slanted", "supports", zncc(slant="planes")),
+    # Smoothing: L1 against L2, truncated and not.
+    Method("smooth-none", "none, window 5", "smoothing", lambda _: Settings(cost=ZNCC(window=5)), False),
+    Method("smooth-l1", "L1", "smoothing", smooth("l1"), False),
+    Method("smooth-l2", "L2", "smoothing", smooth("l2"), False),
+    Method("smooth-l1-truncated", "L1, truncated at 3 px", "smoothing", smooth("l1", 3.0), False),
+    Method("smooth-l2-truncated", "L2, truncated at 3 px", "smoothing", smooth("l2", 3.0), False),
     # Whole methods: every preset.
     *(Method(name, f"preset {name}", "presets", fixed(preset), False) for name, preset in PRESETS.items()),
     # Recognising what is invalid: the plain winner first, then the same under different checks.
@@ -86,6 +130,7 @@ METHODS: Final[tuple[Method, ...]] = (
     Method("checks-texture", "texture", "checks", zncc(texture=1.0)),
     Method("checks-uniqueness", "uniqueness", "checks", zncc(uniqueness=2.0)),
     Method("checks-left-right", "left-right", "checks", zncc(left_right=1.0)),
+    Method("checks-sky", "sky", "checks", zncc(left_right=1.0, sky=True)),
     Method(
         "checks-all",
         "all of them, and speckles",

@@ -30,7 +30,7 @@ from stereopsis import (
     weigh,
 )
 from stereopsis.settings import Settings
-from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
+from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian, Window, window_size
 from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
@@ -58,9 +58,9 @@ def match(
     channels: str = UNSET,
     optimize: optimize.Optimizer | str | None = UNSET,
     slant: str | None = UNSET,
-    extra_windows: tuple[settings.Window, ...] = UNSET,
+    extra_windows: tuple[Window, ...] = UNSET,
     subpixel: str | None = UNSET,
-    refine_window: settings.Window | None = UNSET,
+    refine_window: Window | None = UNSET,
     upsample: tuple[int, str] | None = UNSET,
     left_right: float | None = UNSET,
     uniqueness: float | None = UNSET,
@@ -263,7 +263,7 @@ def _fit(subpixel: str | None) -> str | None:
 def _refined(pixels: cost.Pixels, chosen: Settings, start: DisparityMap) -> DisparityMap:
     """Sub-pixel disparities from the images, around those that were found."""
     images, threads = pixels[:2], chosen.threads
-    asked = None if chosen.refine_window is None else settings.window_size(chosen.refine_window)
+    asked = None if chosen.refine_window is None else window_size(chosen.refine_window)
     flat = asked or (15, 5)
     match chosen.subpixel:
         case "symmetric":

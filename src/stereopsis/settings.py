@@ -14,7 +14,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, cast
 
-from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
 from stereopsis.optimize import (
     ICM,
     TRWS,
@@ -25,6 +24,7 @@ from stereopsis.optimize import (
     Smoothness,
     Swap,
 )
+from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
 from stereopsis.types import Disparities
 
 

@@ -40,8 +40,8 @@ def left_right(
 ) -> npt.NDArray[np.uint8]:
     """Where the right view's winner at the match differs by more than `tolerance` pixels.
 
-    A pixel that fails is `Flag.MISMATCHED` where some right pixel's winner lies within the tolerance of it, else
-    `Flag.OCCLUDED` [1]_: nothing in the right image is its match.
+    A pixel that fails is `Flag.MISMATCHED` where some right pixel's winner lies within the tolerance of it,
+    else `Flag.OCCLUDED` [1]_: nothing in the right image is its match.
 
     Parameters
     ----------

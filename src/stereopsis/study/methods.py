@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from stereopsis.optimize import BeliefPropagation, SecondPass, Smoothness
-from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
-
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSSD, Settings
+from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 
 WINDOW: Final = 31
 """The window of every comparison that is not a sweep over windows."""
@@ -74,7 +73,7 @@ def gaussian(window: int) -> Settings:
     return Settings(cost=ZNCC(window=Gaussian(sigma=same_variance(window))))
 
 
-def smooth(norm: str, truncation: float | None = None) -> Callable[[int], Settings]:
+def smooth(norm: Literal["l1", "l2"], truncation: float | None = None) -> Callable[[int], Settings]:
     """Belief propagation over a small window, which leaves outlines to the smoothness."""
     solver = BeliefPropagation(Smoothness(norm, 0.1, truncation))
     return lambda _: Settings(cost=ZNCC(window=5), optimize=solver)

@@ -193,7 +193,7 @@ def test_checks(kind):
     there = np.full((*left.shape, last), np.inf)
     for i in range(last):
         there[:, : width - i, i] = volume[:, i:, i]
-    expected = validate.left_right(winner, there.argmin(axis=2), first, last, 1.0)
+    expected = validate.left_right(winner, there.argmin(axis=2), first, 1.0)
     ambiguous = validate.uniqueness(volume, first, perfect, 5.0)
     expected = expected | np.where(ambiguous, int(Flag.AMBIGUOUS), 0)
     disparity, confidence, flags = match(

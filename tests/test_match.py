@@ -882,3 +882,14 @@ def test_a_support_larger_than_the_image(shape, support):
     for cost in COSTS:
         found = st.match(image, image, disparities=(0, 1), cost=cost(support), subpixel=None).disparity
         np.testing.assert_array_equal(found, 0)
+
+
+@pytest.mark.parametrize("changes", [{"slant": "planes"}, {"subpixel": "lucas-kanade"}])
+def test_answers_stay_within_the_range(changes):
+    """What leans out of the range by a fraction of a pixel is brought back."""
+    scene = st.scenes.street(220, 120, seed=3, noise=3.0)
+    found = st.match(scene.left, scene.right, disparities=(2, 12), cost=st.ZNCC(window=9), **changes)
+    answered = found.disparity[np.isfinite(found.disparity)]
+    assert answered.size
+    assert answered.min() == 2
+    assert answered.max() == 11

@@ -211,6 +211,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     if chosen.subpixel in FROM_IMAGES:
         with _timed(timings, "subpixel"):
             disparity = _refined(pixels, chosen, disparity)
+    # A slanted window or a refinement may lean out of the range by a fraction of a pixel.
+    np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
     if chosen.reflection is not None:
         with _timed(timings, "reflection"):
             apart = validate.brightness(pixels.left, pixels.right, disparity, chosen.cost.size)

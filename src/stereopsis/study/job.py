@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib import metadata, resources
+from importlib import metadata
 from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -178,7 +178,7 @@ def program() -> str:
             digest.update(f"{name} {metadata.version(name)}\n".encode())
         except metadata.PackageNotFoundError:
             digest.update(f"{name} none\n".encode())
-    package = Path(str(resources.files("stereopsis")))
+    package = Path(__file__).parents[1]
     for file in sorted(package.rglob("*.py")):
         name = file.relative_to(package).as_posix()
         if name not in ASIDE:

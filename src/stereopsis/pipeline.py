@@ -540,10 +540,10 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
 
     Both images are shrunk to at most 256 columns by averaging, and matched (ZNCC 9 x 9) over every
     disparity from minus an eighth to five eighths of the width. What survives a left-right check, a
-    uniqueness check and a speckle filter spans the range, from its 0.1 % to its 99.9 % quantile; a
-    margin of three shrunken pixels plus a tenth of the span is added on both sides. Negative
-    disparities are searched where a twentieth of what survives is negative. Where less than 1 % of
-    the pixels survive, the range is a quarter of the width.
+    uniqueness check and a speckle filter (of a 500th of the pixels) spans the range, from its 0.1 % to
+    its 99.9 % quantile; a margin of three shrunken pixels plus a tenth of the span is added on both
+    sides. Negative disparities are searched where a twentieth of what survives is negative. Where less
+    than 1 % of the pixels survive, the range is a quarter of the width.
 
     Parameters
     ----------
@@ -566,7 +566,7 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
         cost=settings.ZNCC(9),
         left_right=1,
         uniqueness=10,
-        speckle=(12, 1.0),
+        speckle=(max(12, small.left.size // 500), 1.0),
         threads=threads,
     )
     found = _match(small, probe, time.perf_counter(), {})

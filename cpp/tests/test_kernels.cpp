@@ -246,13 +246,14 @@ Answer naive_answer(const Problem& p, const std::vector<T>& volume, const FusedS
               static_cast<double>(costs[k]) - perfect <= (static_cast<double>(costs[i]) - perfect) * s.ratio)
             flag |= 4;
       if (s.left_right && i >= 0) {
-        const auto agrees = [&](int k) {
-          return p.in_view(x, k) &&
-                 static_cast<float>(std::abs(right_winner(y, x - p.first - k) - k)) <= s.tolerance;
-        };
-        bool any = false;
-        for (int k = 0; k < D; ++k) any = any || agrees(k);
-        if (!agrees(i)) flag |= any ? 2 : 1;
+        if (static_cast<float>(std::abs(right_winner(y, x - p.first - i) - i)) > s.tolerance) {
+          bool claimed = false;
+          for (int xr = 0; xr < W; ++xr) {
+            const int j = right_winner(y, xr);
+            claimed = claimed || (j >= 0 && static_cast<float>(std::abs(xr + p.first + j - x)) <= s.tolerance);
+          }
+          flag |= claimed ? 2 : 1;
+        }
       }
       answer.flags[at] = static_cast<uint8_t>(flag);
       if (flag) {

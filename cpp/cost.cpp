@@ -73,7 +73,7 @@ float narrow_cost(CostKind cost, int64_t sum, const NarrowStatistics* l, const N
     int64_t negative = -sum;
     for (int c = 0; c < channels; ++c) negative += static_cast<int64_t>(kCentre) * r[c].sum;
     float v = static_cast<float>(static_cast<int32_t>(negative));
-    const auto mean = [&](int c) { return SplitMean::of(l[c].sum - kCentre * n, 1.0 / n); };
+    const auto mean = [&](int c) { return SplitMean::of(l[c].sum - kCentre * n, 1.0 / n, channels == 1); };
     for (int c = 0; c < channels; ++c) v = fused(mean(c).high, static_cast<float>(r[c].sum), v);
     for (int c = 0; c < channels; ++c) v = fused(mean(c).low, static_cast<float>(r[c].sum), v);
     return correlation_cost(fused(v * left_scale, right_scale, kCorrelationBase));

@@ -179,10 +179,10 @@ static void add_deviation(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t
   for (int x = 0; x < count; ++x) norm[x] = (first ? 0.0f : norm[x]) + window_deviation(squares[x], sums[x], inverse_n);
 }
 
-static void split_means(const int32_t* STEREOPSIS_RESTRICT sums, int count, int32_t centre, double inverse_n,
+static void split_means(const int32_t* STEREOPSIS_RESTRICT sums, int count, int32_t centre, double inverse_n, bool one_channel,
                         float* STEREOPSIS_RESTRICT high, float* STEREOPSIS_RESTRICT low) {
   for (int x = 0; x < count; ++x) {
-    const SplitMean mean = SplitMean::of(sums[x] - centre, inverse_n);
+    const SplitMean mean = SplitMean::of(sums[x] - centre, inverse_n, one_channel);
     high[x] = mean.high;
     low[x] = mean.low;
   }
@@ -506,7 +506,7 @@ class Narrow {
     if (Kind == CostKind::zssd) add_offset(sum_, about_, W, c == 0, 0, 1, left_offset_);
     if (Kind == CostKind::zncc) {
       add_deviation(sum_, square_, W, 1.0 / n_, c == 0, norm_);
-      split_means(sum_, W, kCentre * n_, 1.0 / n_, left_high_[c], left_low_[c]);
+      split_means(sum_, W, kCentre * n_, 1.0 / n_, C == 1, left_high_[c], left_low_[c]);
     }
     if (Kind == CostKind::zssd) centre_left(mean_, rest_, W, left_mean_[c], left_rest_[c], left_low_[c]);
   }

@@ -58,12 +58,14 @@ inline float fused(float a, float b, float c) {
 #endif
 }
 
-// A mean in two parts: a product with the first, taken from a sum of the same size, leaves what the second can mend.
+// A mean in two parts: a product with the first, taken from a sum of the same size, leaves what the second can mend. One
+// channel of several leaves the others' sums standing, so that their first part has to be whole for the rest to be exact.
 struct SplitMean {
   float high, low;
-  static SplitMean of(int32_t sum, double inverse_n) {
+  static SplitMean of(int32_t sum, double inverse_n, bool one_channel) {
     const double mean = sum * inverse_n;
-    const float high = static_cast<float>(mean);
+    const float whole = static_cast<float>(static_cast<int32_t>(mean + (mean < 0 ? -0.5 : 0.5)));
+    const float high = one_channel ? static_cast<float>(mean) : whole;
     return {high, static_cast<float>(mean - high)};
   }
 };

@@ -89,6 +89,24 @@ void match_pair(const Array<const T, 3>& left, const Array<const T, 3>& right, i
   run(threads, [&](const Workers& workers) { match(pair, settings, narrow, kernel, out, workers); });
 }
 
+// Every candidate's cost as the streaming kernel forms it.
+void narrow_costs(const Array<const uint8_t, 3>& left, const Array<const uint8_t, 3>& right, int first, int cost,
+                  int window_width, int window_height, const Array<float, 3>& costs, int threads,
+                  const std::string& instructions) {
+  const Pair pair = pair_of(left, right, first, static_cast<int>(costs.shape(2)));
+  const FusedSettings settings{static_cast<CostKind>(cost), window_of(window_width, window_height), Subpixel::none, false, 0,
+                               false, 1};
+  require(settings.cost == CostKind::zssd || is_correlation(settings.cost), "zssd, ncc or zncc");
+  require(narrow_fits(settings.window, pair.channels), "window too large for 32-bit sums");
+  require_shape(costs, pair.height, pair.width, pair.count);
+  const FusedKernel& kernel = choose_kernel(instructions);
+  const size_t pixels = static_cast<size_t>(pair.height) * pair.width;
+  std::vector<float> disparity(pixels), confidence(pixels);
+  std::vector<uint8_t> flags(pixels);
+  const FusedOutput out{disparity.data(), confidence.data(), flags.data(), nullptr, costs.data()};
+  run(threads, [&](const Workers& workers) { match(pair, settings, true, kernel, out, workers); });
+}
+
 void match_gaussian_pair(const Array<const uint8_t, 3>& left, const Array<const uint8_t, 3>& right, int first, int count,
                          int cost, int stride, const Array<const double, 1>& taps, int subpixel,
                          std::optional<double> left_right, std::optional<double> uniqueness, const Array<float, 2>& disparity,
@@ -347,6 +365,7 @@ NB_MODULE(_core, m) {
   m.def("match_narrow", &match_pair<uint8_t>);
   m.def("match_wide", &match_pair<int32_t>);
 
+  m.def("narrow_costs", &narrow_costs);
   m.def("match_gaussian", &match_gaussian_pair);
   m.attr("largest_stride") = kLargestStride;
 

@@ -45,6 +45,8 @@ struct FusedOutput {
   uint8_t* flags;
   // The winner's, infinite where none is in view. Who asks for it gets every winner as it was found, beside its flags.
   float* cost = nullptr;
+  // (H, W, D): every candidate's cost, from the 32-bit kernels whose costs are floats alone.
+  float* volume = nullptr;
 };
 
 // The widest sums that the 32-bit kernels form, over window and channels: squared differences of 8-bit pixels,

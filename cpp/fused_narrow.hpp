@@ -320,6 +320,7 @@ class Narrow {
       if (cancel.load(std::memory_order_relaxed)) return;
       change_rows({inside(y + s_.window.below()), 1, inside(y - 1 - s_.window.above()), -1});
       window_statistics();
+      volume_row_ = out.volume ? out.volume + static_cast<size_t>(y) * p_.width * p_.count : nullptr;
       match_row();
       finish_row(out, y);
     }
@@ -642,6 +643,8 @@ class Narrow {
         else
           match_block<1>(x, end, v);
       }
+      if constexpr (T::is_float)
+        if (volume_row_) hand_out_costs(x, end);
       take_winners(x, end);
       if (s_.left_right) take_right_winners(x, end);
       if (s_.uniqueness) take_second(x, end);
@@ -755,6 +758,14 @@ class Narrow {
       cost_[x] = costs[0];
       before_[x] = costs[-1];
       after_[x] = costs[1];
+    }
+  }
+
+  void hand_out_costs(int begin, int end) const {
+    for (int x = begin; x < end; ++x) {
+      float* STEREOPSIS_RESTRICT out = volume_row_ + static_cast<size_t>(x) * p_.count;
+      const Scalar* STEREOPSIS_RESTRICT costs = costs_of(x - begin);
+      for (int i = 0; i < p_.count; ++i) out[i] = T::keyed ? correlation_cost(costs[i]) : costs[i];
     }
   }
 
@@ -883,6 +894,7 @@ class Narrow {
   int32_t n_;
   float inverse_n_;
   int32_t sad_even_ = 0;
+  float* volume_row_ = nullptr;
   int32_t *sums_, *slide_, *best_index_, *index_;
   Scalar *costs_, *best_, *right_best_;
   int32_t *quad_[C], *weight_a_[C], *weight_b_[C];

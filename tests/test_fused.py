@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
 import stereopsis as st
-from stereopsis import _core, _fused
+from stereopsis import Disparities, _core, _fused, aggregate, cost
 
 COSTS = (st.SAD, st.SSD, st.ZSAD, st.ZSSD, st.NCC, st.ZNCC)
 SLIDING = (st.SAD, st.SSD, st.ZSSD, st.NCC, st.ZNCC)
@@ -341,3 +341,23 @@ def test_many_rows_on_many_threads(monkeypatch):
         disparities=(0, 20),
         cost=st.ZNCC((7, 9)),
     )
+
+
+@pytest.mark.parametrize("kind", ["zssd", "ncc", "zncc"])
+@pytest.mark.parametrize("instructions", _fused.instruction_sets())
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_streamed_volume_is_the_composed_one(kind, instructions, threads, monkeypatch):
+    monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+    rng = np.random.default_rng(5)
+    for shape, first, count, window in (
+        ((5, 43), -3, 17, (7, 3)),
+        ((9, 30, 3), 2, 35, (4, 6)),
+        ((1, 7), 0, 3, (1, 1)),
+    ):
+        left, right = (rng.integers(0, 256, shape).astype(np.uint8) for _ in range(2))
+        pair = cost.pixels(left, right, "separate")
+        candidates = Disparities(first, first + count)
+        sums = aggregate.box(cost.terms(kind, pair, candidates, window), window)
+        expected = cost.score(kind, sums, pair, candidates, window)
+        assert _fused.serves_volume(kind, pair, window)
+        np.testing.assert_array_equal(_fused.volume(kind, pair, candidates, window, threads), expected)

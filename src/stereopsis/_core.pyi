@@ -38,6 +38,18 @@ def match_narrow(
     instructions: str,
     /,
 ) -> None: ...
+def narrow_costs(
+    left: _U8,
+    right: _U8,
+    first: int,
+    cost: int,
+    window_width: int,
+    window_height: int,
+    costs: _F32,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
 def match_wide(
     left: _I32,
     right: _I32,

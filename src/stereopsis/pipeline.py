@@ -333,7 +333,8 @@ def _compose(
     if solver is None:
         with _timed(timings, "select"):
             winners = select.left(volume, seen.min, threads, width=width, sampling=sampling)
-            right = select.right(volume, seen.min, threads, width=width, sampling=sampling)
+            if chosen.left_right is not None or "right_disparity" in chosen.keep:
+                right = select.right(volume, seen.min, threads, width=width, sampling=sampling)
     else:
         with _timed(timings, "optimize"):
             labels = optimize.solve(volume, solver, threads).index
@@ -385,6 +386,9 @@ def _volume(
                 chosen.cost.support, kind, *pixels, seen, sampling, threads
             )
             return weighed
+    if chosen.optimize is not None and _fused.serves_volume(kind, pixels, window):
+        with _timed(timings, "cost"):
+            return _fused.volume(kind, pixels, seen, window, threads)
     if kind == "zsad":
         with _timed(timings, "cost"):
             return _sampled(cost.zsad(pixels, seen, window, threads), sampling)

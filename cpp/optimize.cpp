@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <numeric>
 #include <vector>
@@ -221,20 +222,24 @@ void right_volume(const T* left, int height, int width, int count, int first, T*
   });
 }
 
-template <class T>
-void second_pass(const T* volume, int height, int width, int count, const int32_t* guide, const Window& window,
-                 const int64_t* penalties, double scale, double weight, float* total, const Workers& workers) {
+namespace {
+
+// Sum holds the penalties of a whole window.
+template <class Sum, class T>
+void add_penalties(const T* volume, int height, int width, int count, const int32_t* guide, const Window& window,
+                   const int64_t* given, double scale, double weight, float* total, const Workers& workers) {
+  const std::vector<Sum> penalties(given, given + 2 * static_cast<size_t>(count) - 1);
   const int left = window.width / 2, up = window.height / 2;
   const int columns = width + window.width - 1, slots = count + 1;  // the last slot counts the pixels with a label
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    std::vector<int64_t> column(static_cast<size_t>(columns) * slots), sum(slots);
-    const auto add_row = [&](int y, int64_t sign) {
+    std::vector<Sum> column(static_cast<size_t>(columns) * slots), sum(slots);
+    const auto add_row = [&](int y, Sum sign) {
       const int32_t* row = guide + static_cast<size_t>(std::clamp(y - up, 0, height - 1)) * width;
       for (int x = 0; x < columns; ++x) {
         const int label = row[std::clamp(x - left, 0, width - 1)];
         if (label < 0) continue;
-        int64_t* __restrict to = column.data() + static_cast<size_t>(x) * slots;
-        const int64_t* __restrict from = penalties + (count - 1 - label);
+        Sum* __restrict to = column.data() + static_cast<size_t>(x) * slots;
+        const Sum* __restrict from = penalties.data() + (count - 1 - label);
         for (int i = 0; i < count; ++i) to[i] += sign * from[i];
         to[count] += sign;
       }
@@ -246,8 +251,8 @@ void second_pass(const T* volume, int height, int width, int count, const int32_
       for (int k = 0; k < window.width - 1; ++k)
         for (int i = 0; i < slots; ++i) sum[i] += column[static_cast<size_t>(k) * slots + i];
       for (int x = 0; x < width; ++x) {
-        const int64_t* entering = column.data() + static_cast<size_t>(x + window.width - 1) * slots;
-        const int64_t* leaving = column.data() + static_cast<size_t>(x) * slots;
+        const Sum* entering = column.data() + static_cast<size_t>(x + window.width - 1) * slots;
+        const Sum* leaving = column.data() + static_cast<size_t>(x) * slots;
         for (int i = 0; i < slots; ++i) sum[i] += entering[i];
         const size_t at = (static_cast<size_t>(y) * width + x) * count;
         const double share = sum[count] > 0 ? weight / static_cast<double>(sum[count]) : 0;
@@ -261,6 +266,18 @@ void second_pass(const T* volume, int height, int width, int count, const int32_
       add_row(y, -1);
     }
   });
+}
+
+}  // namespace
+
+template <class T>
+void second_pass(const T* volume, int height, int width, int count, const int32_t* guide, const Window& window,
+                 const int64_t* penalties, double scale, double weight, float* total, const Workers& workers) {
+  const int64_t most = *std::max_element(penalties, penalties + 2 * static_cast<size_t>(count) - 1);
+  if (most <= INT32_MAX / window.area())
+    add_penalties<int32_t>(volume, height, width, count, guide, window, penalties, scale, weight, total, workers);
+  else
+    add_penalties<int64_t>(volume, height, width, count, guide, window, penalties, scale, weight, total, workers);
 }
 
 void distance_transform(const float* h, int rows, int count, const Smoothness& smoothness, float* best) {
@@ -502,6 +519,7 @@ template void relative_costs(const int64_t*, int, int, int, float*, double*, con
 template void relative_costs(const float*, int, int, int, float*, double*, const Workers&);
 template void right_volume(const int64_t*, int, int, int, int, int64_t*, const Workers&);
 template void right_volume(const float*, int, int, int, int, float*, const Workers&);
+
 template void second_pass(const int64_t*, int, int, int, const int32_t*, const Window&, const int64_t*, double, double, float*,
                           const Workers&);
 template void second_pass(const float*, int, int, int, const int32_t*, const Window&, const int64_t*, double, double, float*,

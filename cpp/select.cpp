@@ -7,6 +7,20 @@ namespace stereopsis {
 
 namespace {
 
+// The least of costs[lo] ... costs[hi - 1], or the worst: eight at a time, so that none waits for the one before.
+template <class T>
+T least(const T* costs, int lo, int hi) {
+  T lanes[8];
+  std::fill(lanes, lanes + 8, worst_cost<T>());
+  int i = lo;
+  for (; i + 8 <= hi; i += 8)
+    for (int k = 0; k < 8; ++k) lanes[k] = costs[i + k] < lanes[k] ? costs[i + k] : lanes[k];
+  T best = worst_cost<T>();
+  for (; i < hi; ++i) best = std::min(best, costs[i]);
+  for (const T lane : lanes) best = std::min(best, lane);
+  return best;
+}
+
 // What surrounds the candidate that `choose(costs, lo, hi, at)` picks of those in view, lo ... hi - 1.
 template <class T, class Choose>
 void select(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
@@ -27,8 +41,7 @@ void select(const T* volume, int height, const Lattice& lattice, int count, int 
         winners.cost[at] = costs[best];
         if (best > lo) winners.before[at] = costs[best - 1];
         if (best + 1 < hi) winners.after[at] = costs[best + 1];
-        for (int i = lo; i < hi; ++i)
-          if (i < best - 1 || i > best + 1) winners.second[at] = std::min(winners.second[at], costs[i]);
+        winners.second[at] = std::min(least(costs, lo, best - 1), least(costs, best + 2, hi));
       }
   });
 }
@@ -39,7 +52,8 @@ template <class T>
 void select_left(const T* volume, int height, const Lattice& lattice, int count, int first, const Winners<T>& winners,
                  const Workers& workers) {
   select(volume, height, lattice, count, first, winners, workers, [](const T* costs, int lo, int hi, size_t) {
-    return static_cast<int>(std::min_element(costs + lo, costs + hi) - costs);
+    const T* found = std::find(costs + lo, costs + hi, least(costs, lo, hi));
+    return found == costs + hi ? lo : static_cast<int>(found - costs);
   });
 }
 

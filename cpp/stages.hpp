@@ -70,7 +70,7 @@ void relative_costs(const T* volume, int height, int width, int count, float* co
 template <class T>
 void right_volume(const T* left, int height, int width, int count, int first, T* right, const Workers& workers);
 // scale * cost + weight * mean over the window of V(guide - label), V from `penalties`: 2 D - 1 of them, from 1 - D to D - 1.
-// A pixel whose guide is -1 does not count.
+// A pixel whose guide is -1 does not count. `total` may be the volume itself.
 template <class T>
 void second_pass(const T* volume, int height, int width, int count, const int32_t* guide, const Window& window,
                  const int64_t* penalties, double scale, double weight, float* total, const Workers& workers);

@@ -413,6 +413,7 @@ def second_pass(
     window: tuple[int, int],
     scale: float = 1.0,
     threads: int = 0,
+    out: npt.NDArray[np.float32] | None = None,
 ) -> npt.NDArray[np.float32]:
     """Costs that are drawn towards a first map: what `SecondPass` minimises.
 
@@ -429,6 +430,8 @@ def second_pass(
         What one unit of the volume's cost is worth; 1 over the pixels of the window for the data's mean.
     threads : int
         0: all cores. Never changes a result.
+    out : ndarray of float32, (H, W, D), optional
+        Where the result goes: the volume itself, or another array.
 
     Returns
     -------
@@ -446,7 +449,7 @@ def second_pass(
     whole = bool((steps == np.rint(steps)).all())
     unit = 1 if whole else FRACTION
     penalties = np.rint(steps * unit).astype(np.int64)
-    total = np.empty(volume.shape, np.float32)
+    total = np.empty(volume.shape, np.float32) if out is None else out
     _core.second_pass(
         volume,
         np.ascontiguousarray(guide, np.int32),

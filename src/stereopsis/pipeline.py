@@ -327,7 +327,10 @@ def _compose(
         weighed = kind in ("ncc", "zncc") or chosen.cost.support is not None
         mean = 1 if weighed else window[0] * window[1] * pixels.left.shape[2]
         with _timed(timings, "optimize"):
-            volume = optimize.second_pass(volume, guide, solver.smoothness, window, unit / mean, threads)
+            into = volume if volume.dtype == np.float32 else None
+            volume = optimize.second_pass(
+                volume, guide, solver.smoothness, window, unit / mean, threads, into
+            )
         solver, unit = None, 1.0
 
     if solver is None:

@@ -232,7 +232,7 @@ void add_penalties(const T* volume, int height, int width, int count, const int3
   const int left = window.width / 2, up = window.height / 2;
   const int columns = width + window.width - 1, slots = count + 1;  // the last slot counts the pixels with a label
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    std::vector<Sum> column(static_cast<size_t>(columns) * slots), sum(slots);
+    std::vector<Sum> column(static_cast<size_t>(columns) * slots), sum(slots), nothing(slots);
     const auto add_row = [&](int y, Sum sign) {
       const int32_t* row = guide + static_cast<size_t>(std::clamp(y - up, 0, height - 1)) * width;
       for (int x = 0; x < columns; ++x) {
@@ -252,16 +252,17 @@ void add_penalties(const T* volume, int height, int width, int count, const int3
         for (int i = 0; i < slots; ++i) sum[i] += column[static_cast<size_t>(k) * slots + i];
       for (int x = 0; x < width; ++x) {
         const Sum* entering = column.data() + static_cast<size_t>(x + window.width - 1) * slots;
-        const Sum* leaving = column.data() + static_cast<size_t>(x) * slots;
-        for (int i = 0; i < slots; ++i) sum[i] += entering[i];
+        // What left when the window came here from the pixel before; nothing did at the first.
+        const Sum* leaving = x > 0 ? column.data() + static_cast<size_t>(x - 1) * slots : nothing.data();
+        sum[count] += entering[count] - leaving[count];
         const size_t at = (static_cast<size_t>(y) * width + x) * count;
         const double share = sum[count] > 0 ? weight / static_cast<double>(sum[count]) : 0;
         for (int i = 0; i < count; ++i) {
+          sum[i] += entering[i] - leaving[i];
           const T cost = volume[at + i];
           const double energy = scale * static_cast<double>(cost) + share * static_cast<double>(sum[i]);
           total[at + i] = cost < worst_cost<T>() ? static_cast<float>(energy) : kNever;
         }
-        for (int i = 0; i < slots; ++i) sum[i] -= leaving[i];
       }
       add_row(y, -1);
     }

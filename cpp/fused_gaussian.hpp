@@ -322,22 +322,9 @@ class KnotMaker {
 
 // ---- rows of pixels -------------------------------------------------------------------------------------------------
 
-// 1 / sqrt(v) by Newton's method, in operations that every instruction set rounds alike; 0 where v is rounding alone.
+// A norm that is rounding alone counts as none.
 static void inverse_norms(const float* STEREOPSIS_RESTRICT norm, int count, float* STEREOPSIS_RESTRICT scale) {
-  constexpr float least = 1e-6f;
-  for (int i = 0; i < count; ++i) {
-    const float v = norm[i] > least ? norm[i] : 1.0f;
-    int32_t bits;
-    std::memcpy(&bits, &v, sizeof bits);
-    bits = 0x5F3759DF - (bits >> 1);
-    float y;
-    std::memcpy(&y, &bits, sizeof y);
-    const float h = 0.5f * v;
-    y = y * (1.5f - h * y * y);
-    y = y * (1.5f - h * y * y);
-    y = y * (1.5f - h * y * y);
-    scale[i] = norm[i] > least ? y : 0.0f;
-  }
+  for (int i = 0; i < count; ++i) scale[i] = inverse_root(norm[i], 1e-6f);
 }
 
 template <CostKind Kind, int C>

@@ -1,23 +1,14 @@
 #include "gaussian.hpp"
 
 #include <algorithm>
-#include <new>
 
 #include "parallel.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
 
 namespace {
-
-struct Aligned {
-  static constexpr std::align_val_t alignment{64};
-  explicit Aligned(size_t bytes) : memory(::operator new(bytes, alignment)) {}
-  ~Aligned() { ::operator delete(memory, alignment); }
-  Aligned(const Aligned&) = delete;
-  Aligned& operator=(const Aligned&) = delete;
-  void* memory;
-};
 
 // Rows of knots kept at once, about; and worked on at once, at least.
 constexpr size_t kKnotsBytes = size_t{4} << 20;
@@ -32,7 +23,7 @@ void match_gaussian(const Pair& pair, const FusedSettings& settings, const Gauss
   KnotRows knots{nullptr, grid.record(), grid.top, grid.bottom, 1}, filtered = knots;
   const auto match_rows = [&](int from, int to) {
     parallel_rows(to - from, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-      const Aligned scratch(gaussian.rows_bytes(pair, settings, filter));
+      const Scratch scratch(gaussian.rows_bytes(pair, settings, filter));
       gaussian.rows(pair, settings, filter, filtered, out, from + begin, from + end, scratch.memory, cancel);
     });
   };
@@ -43,12 +34,12 @@ void match_gaussian(const Pair& pair, const FusedSettings& settings, const Gauss
   const size_t room = kKnotsBytes / (knots.record * sizeof(double));
   const int at_once = std::max(kFewestRows, static_cast<int>(std::min<size_t>(room, all)) - around);
   knots.capacity = std::min(at_once + around, all);
-  const Aligned memory(knots.capacity * knots.record * sizeof(double));
+  const Scratch memory(knots.capacity * knots.record * sizeof(double));
   knots.base = static_cast<double*>(memory.memory);
   filtered.top = -1;
   filtered.bottom = rows + 1;
   filtered.capacity = std::min(at_once, rows) + 3;
-  const Aligned more_memory(filtered.capacity * filtered.record * sizeof(double));
+  const Scratch more_memory(filtered.capacity * filtered.record * sizeof(double));
   filtered.base = static_cast<double*>(more_memory.memory);
   const int pieces = static_cast<int>((knots.record + kPiece - 1) / kPiece);
   int made = grid.top, finished = filtered.top;
@@ -56,7 +47,7 @@ void match_gaussian(const Pair& pair, const FusedSettings& settings, const Gauss
     const int past = std::min(row + at_once, rows), needed = std::min(past + 2 + grid.reach, grid.bottom + 1);
     if (needed > made) {
       parallel_rows(needed - made, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-        const Aligned scratch(gaussian.knots_bytes(pair, settings, filter));
+        const Scratch scratch(gaussian.knots_bytes(pair, settings, filter));
         gaussian.knots(pair, settings, filter, knots, made + begin, made + end, scratch.memory, cancel);
       });
       made = needed;

@@ -1,22 +1,8 @@
-#include <new>
-
 #include "parallel.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
-
-namespace {
-
-struct Scratch {
-  static constexpr std::align_val_t alignment{64};
-  explicit Scratch(size_t bytes) : memory(::operator new(bytes, alignment)) {}
-  ~Scratch() { ::operator delete(memory, alignment); }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  void* memory;
-};
-
-}  // namespace
 
 void match(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedKernel& kernel, const FusedOutput& out,
            const Workers& workers) {

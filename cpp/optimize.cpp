@@ -15,9 +15,9 @@ namespace {
 constexpr float kNever = std::numeric_limits<float>::infinity();
 
 // Rows of costs, each with a margin of infinity on both sides, so that a shifted row can be read without a question.
-class Scratch {
+class Rows {
  public:
-  explicit Scratch(int count) : count_(count), memory_(8 * size_t{3} * count, kNever), first(count), last(count), from(count + 1) {}
+  explicit Rows(int count) : count_(count), memory_(8 * size_t{3} * count, kNever), first(count), last(count), from(count + 1) {}
   float* row(int k) { return memory_.data() + (size_t{3} * k + 1) * count_; }
 
  private:
@@ -49,7 +49,7 @@ class Penalty {
 
   // best[l] = min over k of h[k] + V(l - k), one label of h being possible at least. `h` is a row of `scratch`, other than
   // 0 and 1. Returns the least of h, which is that of `best` too.
-  float transform(const float* h, float* best, Scratch& scratch) const {
+  float transform(const float* h, float* best, Rows& scratch) const {
     float least = kNever;
     for (int l = 0; l < count_; ++l) least = h[l] < least ? h[l] : least;
     const float ceiling = least + worst_;
@@ -75,7 +75,7 @@ class Penalty {
   }
 
   // |a| as a sum of different powers of two: one pass a power, each over whole vectors.
-  void cone(const float* h, float* best, Scratch& scratch) const {
+  void cone(const float* h, float* best, Rows& scratch) const {
     const float* source = h;
     for (int step = 1, k = 0; step <= reach_; step *= 2, k ^= 1) {
       float* __restrict target = scratch.row(k);
@@ -105,7 +105,7 @@ class Penalty {
   }
 
   // The lower envelope of the parabolas h[k] + weight (l - k)^2.
-  void envelope(const float* h, float* best, Scratch& scratch) const {
+  void envelope(const float* h, float* best, Rows& scratch) const {
     int top = -1;
     const double weight = weight_;
     for (int k = 0; k < count_; ++k) {
@@ -146,7 +146,7 @@ void add(float* __restrict sum, const float* __restrict row, int count) {
 }
 
 // A message is set to the transform of `h`, counted from its least value, which is returned.
-float send(const Penalty& penalty, const float* h, float* message, int count, Scratch& scratch) {
+float send(const Penalty& penalty, const float* h, float* message, int count, Rows& scratch) {
   const float least = penalty.transform(h, message, scratch);
   for (int l = 0; l < count; ++l) message[l] -= least;
   return least;
@@ -175,7 +175,7 @@ void wavefront(const Grid& grid, bool backward, const Workers& workers, Visit vi
   const int H = grid.height, W = grid.width, threads = std::max(1, std::min(workers.threads, H));
   std::vector<std::atomic<int>> done(H);
   parallel_rows(threads, threads, workers.interrupted, [&](int begin, int, const Cancel& cancel) {
-    Scratch scratch(grid.count);
+    Rows scratch(grid.count);
     for (int k = begin; k < H; k += threads)
       for (int i = 0; i < W; ++i) {
         if (i % 16 == 0) {
@@ -269,13 +269,67 @@ void add_penalties(const T* volume, int height, int width, int count, const int3
   });
 }
 
+// Squared differences, in closed form: the sum over the window of (label - i)^2 is that of label^2, less 2 i times that of
+// label, plus i^2 times the pixels with a label. As doubles below 2^53 these are whole numbers still.
+template <class T>
+void add_squares(const T* volume, int height, int width, int count, const int32_t* guide, const Window& window, double scale,
+                 double weight, float* total, const Workers& workers) {
+  struct Sums {
+    int64_t pixels = 0, labels = 0, squares = 0;
+    void add(const Sums& other, int64_t sign) {
+      pixels += sign * other.pixels;
+      labels += sign * other.labels;
+      squares += sign * other.squares;
+    }
+  };
+  const int left = window.width / 2, up = window.height / 2, columns = width + window.width - 1;
+  std::vector<double> once(count), twice(count);
+  for (int i = 0; i < count; ++i) once[i] = i, twice[i] = static_cast<double>(i) * i;
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    std::vector<Sums> column(columns);
+    std::vector<T> here(count);  // apart from where the sums go, which may be the volume
+    const auto add_row = [&](int y, int64_t sign) {
+      const int32_t* row = guide + static_cast<size_t>(std::clamp(y - up, 0, height - 1)) * width;
+      for (int x = 0; x < columns; ++x) {
+        const int64_t label = row[std::clamp(x - left, 0, width - 1)];
+        if (label >= 0) column[x].add({1, label, label * label}, sign);
+      }
+    };
+    for (int r = 0; r < window.height - 1; ++r) add_row(begin + r, 1);
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      add_row(y + window.height - 1, 1);
+      Sums sum;
+      for (int k = 0; k < window.width - 1; ++k) sum.add(column[k], 1);
+      for (int x = 0; x < width; ++x) {
+        sum.add(column[x + window.width - 1], 1);
+        const double n = static_cast<double>(sum.pixels), labels = 2 * static_cast<double>(sum.labels);
+        const double squares = static_cast<double>(sum.squares), share = sum.pixels > 0 ? weight / n : 0;
+        std::copy_n(volume + (static_cast<size_t>(y) * width + x) * count, count, here.data());
+        float* to = total + (static_cast<size_t>(y) * width + x) * count;
+        for (int i = 0; i < count; ++i) {
+          const double penalty = squares + (n * twice[i] - labels * once[i]);
+          const T cost = here[i];
+          const float energy = static_cast<float>(scale * static_cast<double>(cost) + share * penalty);
+          to[i] = cost < worst_cost<T>() ? energy : kNever;
+        }
+        sum.add(column[x], -1);
+      }
+      add_row(y, -1);
+    }
+  });
+}
+
 }  // namespace
 
 template <class T>
 void second_pass(const T* volume, int height, int width, int count, const int32_t* guide, const Window& window,
                  const int64_t* penalties, double scale, double weight, float* total, const Workers& workers) {
   const int64_t most = *std::max_element(penalties, penalties + 2 * static_cast<size_t>(count) - 1);
-  if (most <= INT32_MAX / window.area())
+  bool squared = most <= (int64_t{1} << 51) / window.area();
+  for (int64_t a = 1 - count; a < count; ++a) squared = squared && penalties[count - 1 + a] == a * a;
+  if (squared)
+    add_squares(volume, height, width, count, guide, window, scale, weight, total, workers);
+  else if (most <= INT32_MAX / window.area())
     add_penalties<int32_t>(volume, height, width, count, guide, window, penalties, scale, weight, total, workers);
   else
     add_penalties<int64_t>(volume, height, width, count, guide, window, penalties, scale, weight, total, workers);
@@ -283,7 +337,7 @@ void second_pass(const T* volume, int height, int width, int count, const int32_
 
 void distance_transform(const float* h, int rows, int count, const Smoothness& smoothness, float* best) {
   const Penalty penalty(smoothness, count);
-  Scratch scratch(count);
+  Rows scratch(count);
   float* row = scratch.row(2);
   for (int y = 0; y < rows; ++y) {
     std::copy_n(h + static_cast<size_t>(y) * count, count, row);
@@ -352,13 +406,13 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
     for (int l = 0; l < D; ++l) sum[l] -= least;
     return least;
   };
-  const auto pass_on = [&](const float* sum, float share, float* message, Scratch& scratch) {
+  const auto pass_on = [&](const float* sum, float share, float* message, Rows& scratch) {
     float* h = scratch.row(3);
     for (int l = 0; l < D; ++l) h[l] = share * sum[l] - message[l];
     return send(penalty, h, message, D, scratch);
   };
   // A label after those of the left and the upper neighbour, by the messages of the two others.
-  const auto choose = [&](size_t p, const Ends& has, Scratch& scratch) {
+  const auto choose = [&](size_t p, const Ends& has, Rows& scratch) {
     float* sum = scratch.row(4);
     std::copy_n(grid.costs + p * D, D, sum);
     if (has.left) add(sum, penalty.against(found[p - 1]), D);
@@ -372,7 +426,7 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
   std::vector<int32_t> best(labels, labels + pixels);
   for (int iteration = 0; iteration <= iterations; ++iteration) {
     stop_if_asked(workers);
-    wavefront(grid, false, workers, [&](int y, int x, Scratch& scratch) {
+    wavefront(grid, false, workers, [&](int y, int x, Rows& scratch) {
       const size_t p = static_cast<size_t>(y) * W + x;
       if (labels[p] < 0) return;
       const Ends has = ends(y, x, p);
@@ -392,7 +446,7 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
     }
     if (iteration == iterations) break;
     std::vector<double> rows(H, 0);
-    wavefront(grid, true, workers, [&](int y, int x, Scratch& scratch) {
+    wavefront(grid, true, workers, [&](int y, int x, Rows& scratch) {
       const size_t p = static_cast<size_t>(y) * W + x;
       if (labels[p] < 0) return;
       const Ends has = ends(y, x, p);
@@ -487,7 +541,7 @@ void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iter
     for (int half = 0; half < 2 * iterations; ++half) {
       stop_if_asked(workers);
       parallel_rows(H, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-        Scratch scratch(D);
+        Rows scratch(D);
         for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
           for (int x = (y + half) % 2; x < W; x += 2) {
             const size_t p = static_cast<size_t>(y) * W + x;

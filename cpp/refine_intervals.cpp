@@ -6,6 +6,7 @@
 
 #include "parallel.hpp"
 #include "stages.hpp"
+#include "start.hpp"
 
 namespace stereopsis {
 
@@ -106,21 +107,9 @@ class Columns {
 
 void align_intervals(const AlignedPair& pair, const Window& window, int steps, const float* start, float* disparity,
                      const Workers& workers) {
-  const auto whole = [](float d) { return static_cast<int>(std::floor(d + 0.5f)); };
-  const auto in_view = [&](int x, float d) {
-    if (!(std::abs(d) <= static_cast<float>(pair.width))) return false;  // NaN neither
-    const int match = x - whole(d);
-    return 0 <= match && match < pair.width;
-  };
-  int low = std::numeric_limits<int>::max(), high = std::numeric_limits<int>::min();
-  for (int y = 0; y < pair.height; ++y)
-    for (int x = 0; x < pair.width; ++x) {
-      const size_t at = static_cast<size_t>(y) * pair.width + x;
-      disparity[at] = start[at];
-      if (in_view(x, start[at])) low = std::min(low, whole(start[at])), high = std::max(high, whole(start[at]));
-    }
-  if (low > high) return;
-  const int first = steps * (low - 1), count = steps * (high - low + 2) + 1, around = 2 * steps + 1;
+  const Start from_map(pair, start, disparity);
+  if (from_map.none()) return;
+  const int first = steps * (from_map.low - 1), count = steps * (from_map.high - from_map.low + 2) + 1, around = 2 * steps + 1;
   parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     Columns columns(pair, window, steps, first, count);
     std::vector<int64_t> costs(around);
@@ -129,8 +118,8 @@ void align_intervals(const AlignedPair& pair, const Window& window, int steps, c
       else columns.next(y);
       for (int x = 0; x < pair.width; ++x) {
         const size_t at = static_cast<size_t>(y) * pair.width + x;
-        if (!in_view(x, start[at])) continue;
-        const int from = steps * (whole(start[at]) - 1);  // fine candidate of costs[0]
+        if (!from_map.in_view(x, at)) continue;
+        const int from = steps * (from_map.whole(at) - 1);  // fine candidate of costs[0]
         columns.costs(x, from - first, around, costs.data());
         // What lies in view of candidates from ... from + 2 steps.
         const int lowest = std::max(0, steps * (x - pair.width + 1) - from);

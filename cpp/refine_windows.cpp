@@ -7,6 +7,7 @@
 
 #include "parallel.hpp"
 #include "stages.hpp"
+#include "start.hpp"
 
 namespace stereopsis {
 
@@ -227,21 +228,9 @@ double cubic_optimum(const Products& p, double shift) {
 template <class Sum>
 void align_rows(const AlignedPair& pair, const Window& window, Alignment alignment, bool centred, const float* start,
                 float* disparity, const Workers& workers) {
-  const auto whole = [](float d) { return static_cast<int>(std::floor(d + 0.5f)); };
-  const auto in_view = [&](int x, float d) {
-    if (!(std::abs(d) <= static_cast<float>(pair.width))) return false;  // NaN neither
-    const int match = x - whole(d);
-    return 0 <= match && match < pair.width;
-  };
-  int low = std::numeric_limits<int>::max(), high = std::numeric_limits<int>::min();
-  for (int y = 0; y < pair.height; ++y)
-    for (int x = 0; x < pair.width; ++x) {
-      const size_t at = static_cast<size_t>(y) * pair.width + x;
-      disparity[at] = start[at];
-      if (in_view(x, start[at])) low = std::min(low, whole(start[at])), high = std::max(high, whole(start[at]));
-    }
-  if (low > high) return;
-  const int first = low - kReach, count = high - low + kShifts;
+  const Start from_map(pair, start, disparity);
+  if (from_map.none()) return;
+  const int first = from_map.low - kReach, count = from_map.high - from_map.low + kShifts;
   parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     Rows<Sum> rows(pair, window, first, count, centred);
     Products products;
@@ -252,8 +241,8 @@ void align_rows(const AlignedPair& pair, const Window& window, Alignment alignme
       bool same = false;
       for (int x = 0; x < pair.width; ++x) {
         const size_t at = static_cast<size_t>(y) * pair.width + x;
-        const bool inside = in_view(x, start[at]);
-        const int winner = inside ? whole(start[at]) : 0;
+        const bool inside = from_map.in_view(x, at);
+        const int winner = inside ? from_map.whole(at) : 0;
         if (inside) {
           rows.products(x, winner, same && winner == before, products);
           disparity[at] = static_cast<float>(winner - (alignment == Alignment::correlation

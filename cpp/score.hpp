@@ -13,7 +13,7 @@
 namespace stereopsis {
 namespace {
 
-// What a candidate out of view costs. Infinity times a norm of 0 is not a number, and less than nothing: it never wins.
+// What a candidate out of view costs.
 template <class T>
 constexpr T worst_cost() {
   return std::numeric_limits<T>::is_integer ? std::numeric_limits<T>::max() : std::numeric_limits<T>::infinity();

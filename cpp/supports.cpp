@@ -1,12 +1,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <new>
 #include <utility>
 #include <vector>
 
 #include "dispatch.hpp"
 #include "parallel.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
@@ -14,15 +14,6 @@ namespace stereopsis {
 namespace {
 
 int clamp(int v, int lo, int hi) { return std::min(std::max(v, lo), hi); }
-
-struct Scratch {
-  static constexpr std::align_val_t alignment{64};
-  explicit Scratch(size_t bytes) : memory(::operator new(bytes, alignment)) {}
-  ~Scratch() { ::operator delete(memory, alignment); }
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  void* memory;
-};
 
 // `value(y, x, c)` of the right image, as Reversed tells it, for columns first_x to last_x.
 template <class Value>

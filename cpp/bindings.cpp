@@ -6,6 +6,8 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
+#include <cstdlib>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -14,6 +16,7 @@
 
 #include "dispatch.hpp"
 #include "parallel.hpp"
+#include "sgm.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;
@@ -350,6 +353,79 @@ void bind_warp(nb::module_& m) {
   });
 }
 
+// ---- semi-global matching ------------------------------------------------------------------------------------------------
+
+SgmSettings sgm_settings(int paths, int most, int p1, const Array<const int32_t, 1>& p2,
+                         const std::optional<Array<const uint8_t, 2>>& guide, const Pair& pair) {
+  require(paths == 2 || paths == 4 || paths == 5 || paths == 8 || paths == 16, "2, 4, 5, 8 or 16 paths");
+  require_shape(p2, 256);
+  if (guide) require_shape(*guide, pair.height, pair.width);
+  require(0 <= most && most <= kLargestSum && p1 >= 0, "costs and penalties run from 0");
+  for (int k = 0; k < 256; ++k) require(0 <= p2(k) && p2(k) <= kLargestSum, "costs and penalties run from 0");
+  const SgmSettings settings{paths, most, p1, p2.data(), guide ? guide->data() : nullptr};
+  require(static_cast<int64_t>(paths) * (most + settings.largest_p2()) <= kLargestSum, "sums would not fit 16 bits");
+  return settings;
+}
+
+void sgm_volume(const Array<const uint16_t, 3>& costs, int first, int paths, int most, int p1, const Array<const int32_t, 1>& p2,
+                const std::optional<Array<const uint8_t, 2>>& guide, const Array<uint16_t, 3>& sums, int threads,
+                const std::string& instructions) {
+  const Pair pair{nullptr, nullptr, static_cast<int>(costs.shape(0)), static_cast<int>(costs.shape(1)), 1, first,
+                  static_cast<int>(costs.shape(2))};
+  require(costs.size() > 0 && pair.count < 65536, "nothing to match");
+  require_shape(sums, pair.height, pair.width, pair.count);
+  const SgmSettings settings = sgm_settings(paths, most, p1, p2, guide, pair);
+  const uint16_t* cost = costs.data();
+  uint16_t largest = 0;
+  for (size_t k = 0; k < costs.size(); ++k) largest = cost[k] > largest ? cost[k] : largest;
+  require(largest <= most, "costs above the most");
+  const SgmKernels& kernels = choose_sgm(instructions);
+  run(threads, [&](const Workers& workers) { sgm_sums(pair, cost, settings, sums.data(), kernels, workers); });
+}
+
+void sgm_match(const Array<const uint64_t, 3>& left, const Array<const uint64_t, 3>& right, int bits, bool aggregated, int unit,
+               int first, int count, const std::optional<Array<const int16_t, 2>>& shift, int paths, int most, int p1,
+               const Array<const int32_t, 1>& p2, const std::optional<Array<const uint8_t, 2>>& guide, int subpixel,
+               std::optional<double> left_right, std::optional<double> uniqueness, const Array<float, 2>& disparity,
+               const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags,
+               const std::optional<Array<float, 2>>& winning_cost, int threads, const std::string& instructions) {
+  for (int axis = 0; axis < 3; ++axis) require(left.shape(axis) == right.shape(axis), "left and right differ in shape");
+  require(left.size() > 0 && count > 0, "nothing to match");
+  const Pair pair{nullptr, nullptr, static_cast<int>(left.shape(1)), static_cast<int>(left.shape(2)), 1, first, count};
+  require(1 <= bits && bits <= (aggregated ? kMostAggregatedBits : 255) && (bits + 63) / 64 == static_cast<int>(left.shape(0)),
+          "strings of as many bits as they have room for");
+  require(0 <= unit && unit <= 15, "unit runs from 0 to 15");
+  const int rounding = 1 << unit >> 1;
+  require(((aggregated ? 9 : 1) * bits + rounding) >> unit <= most, "costs above the most");
+  int span = 0;
+  if (shift) {
+    require_shape(*shift, pair.height, pair.width);
+    int least = shift->data()[0], largest = least;
+    for (size_t k = 0; k < shift->size(); ++k) {
+      least = std::min<int>(least, shift->data()[k]);
+      largest = std::max<int>(largest, shift->data()[k]);
+    }
+    span = largest - least;
+  }
+  require(static_cast<int64_t>(count) + span < 65536 && std::abs(static_cast<int64_t>(first)) < 1 << 25, "too many candidates");
+  const SgmSettings settings = sgm_settings(paths, most, p1, p2, guide, pair);
+  const FusedSettings select{CostKind::sad,
+                             {1, 1},
+                             static_cast<Subpixel>(subpixel),
+                             left_right.has_value(),
+                             left_right.value_or(0),
+                             uniqueness.has_value(),
+                             uniqueness.value_or(1)};
+  require_shape(disparity, pair.height, pair.width);
+  require_shape(confidence, pair.height, pair.width);
+  require_shape(flags, pair.height, pair.width);
+  if (winning_cost) require_shape(*winning_cost, pair.height, pair.width);
+  const CensusCosts costs{left.data(), right.data(), bits, aggregated, unit, shift ? shift->data() : nullptr};
+  const FusedOutput out{disparity.data(), confidence.data(), flags.data(), winning_cost ? winning_cost->data() : nullptr};
+  const SgmKernels& kernels = choose_sgm(instructions);
+  run(threads, [&](const Workers& workers) { sgm_census(pair, costs, settings, select, out, kernels, workers); });
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -554,4 +630,7 @@ NB_MODULE(_core, m) {
       align_intervals(pair, window, steps, start.data(), disparity.data(), workers);
     });
   });
+
+  m.def("sgm_sums", sgm_volume);
+  m.def("sgm_census", sgm_match);
 }

@@ -1,0 +1,565 @@
+// One build of the semi-global kernels, for the instruction set that STEREOPSIS_ISA names; `static` and unnamed for the
+// reason given in fused_narrow.hpp. The plain loops at the end are the definition of what the vectors do.
+#include "sgm.hpp"
+#include "simd.hpp"
+#include "winners.hpp"
+
+namespace stereopsis {
+namespace STEREOPSIS_ISA {
+namespace {
+
+static STEREOPSIS_INLINE ptrdiff_t clamp(ptrdiff_t v, ptrdiff_t lo, ptrdiff_t hi) { return v < lo ? lo : v > hi ? hi : v; }
+
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
+
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+using Vec = __m512i;
+#define STEREOPSIS_V(name) _mm512_##name
+static STEREOPSIS_INLINE Vec load(const void* p) { return _mm512_loadu_si512(p); }
+static STEREOPSIS_INLINE void store(void* p, Vec v) { _mm512_storeu_si512(p, v); }
+static STEREOPSIS_INLINE Vec zero() { return _mm512_setzero_si512(); }
+static STEREOPSIS_INLINE Vec either(Vec a, Vec b) { return _mm512_or_si512(a, b); }
+static STEREOPSIS_INLINE Vec table_of(const uint8_t* p) {
+  return _mm512_broadcast_i32x4(_mm_load_si128(reinterpret_cast<const __m128i*>(p)));
+}
+// The vectors of 16-byte parts (before, a, after) a part further down, or up.
+static STEREOPSIS_INLINE Vec parts_before(Vec before, Vec a) { return _mm512_alignr_epi64(a, before, 6); }
+static STEREOPSIS_INLINE Vec parts_after(Vec a, Vec after) { return _mm512_alignr_epi64(after, a, 2); }
+// Halves of 16-byte parts, lower ones in `lo` and upper ones in `hi`, side by side.
+static STEREOPSIS_INLINE Vec joined_first(Vec lo, Vec hi) {
+  return _mm512_permutex2var_epi64(lo, _mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11), hi);
+}
+static STEREOPSIS_INLINE Vec joined_second(Vec lo, Vec hi) {
+  return _mm512_permutex2var_epi64(lo, _mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15), hi);
+}
+// So that unpacking the lower, and the upper, words of all parts gives the first, and the second, half.
+static STEREOPSIS_INLINE Vec for_unpacking(Vec v) {
+  return _mm512_permutexvar_epi64(_mm512_setr_epi64(0, 4, 1, 5, 2, 6, 3, 7), v);
+}
+static STEREOPSIS_INLINE Vec widened(const uint8_t* p) {
+  return _mm512_cvtepu8_epi16(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)));
+}
+static STEREOPSIS_INLINE Vec unpermuted(Vec v) {  // what packing two vectors leaves out of order
+  return _mm512_permutexvar_epi64(_mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7), v);
+}
+#else
+using Vec = __m256i;
+#define STEREOPSIS_V(name) _mm256_##name
+static STEREOPSIS_INLINE Vec load(const void* p) { return _mm256_loadu_si256(static_cast<const __m256i*>(p)); }
+static STEREOPSIS_INLINE void store(void* p, Vec v) { _mm256_storeu_si256(static_cast<__m256i*>(p), v); }
+static STEREOPSIS_INLINE Vec zero() { return _mm256_setzero_si256(); }
+static STEREOPSIS_INLINE Vec either(Vec a, Vec b) { return _mm256_or_si256(a, b); }
+static STEREOPSIS_INLINE Vec table_of(const uint8_t* p) {
+  return _mm256_broadcastsi128_si256(_mm_load_si128(reinterpret_cast<const __m128i*>(p)));
+}
+static STEREOPSIS_INLINE Vec parts_before(Vec before, Vec a) { return _mm256_permute2x128_si256(before, a, 0x21); }
+static STEREOPSIS_INLINE Vec parts_after(Vec a, Vec after) { return _mm256_permute2x128_si256(a, after, 0x21); }
+static STEREOPSIS_INLINE Vec joined_first(Vec lo, Vec hi) { return _mm256_permute2x128_si256(lo, hi, 0x20); }
+static STEREOPSIS_INLINE Vec joined_second(Vec lo, Vec hi) { return _mm256_permute2x128_si256(lo, hi, 0x31); }
+static STEREOPSIS_INLINE Vec for_unpacking(Vec v) { return _mm256_permute4x64_epi64(v, 0xD8); }
+static STEREOPSIS_INLINE Vec widened(const uint8_t* p) {
+  return _mm256_cvtepu8_epi16(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)));
+}
+static STEREOPSIS_INLINE Vec unpermuted(Vec v) { return _mm256_permute4x64_epi64(v, 0xD8); }
+#endif
+constexpr int kBytes = sizeof(Vec);
+
+template <class Lane>
+struct Of;
+template <>
+struct Of<uint8_t> {
+  static STEREOPSIS_INLINE Vec set(uint8_t v) { return STEREOPSIS_V(set1_epi8)(static_cast<char>(v)); }
+  static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu8)(a, b); }
+  static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi8)(a, b); }
+  static STEREOPSIS_INLINE Vec add_most(Vec a, Vec b) { return STEREOPSIS_V(adds_epu8)(a, b); }
+  static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi8)(a, b); }
+  static STEREOPSIS_INLINE Vec one_up(Vec before, Vec a) { return STEREOPSIS_V(alignr_epi8)(a, parts_before(before, a), 15); }
+  static STEREOPSIS_INLINE Vec one_down(Vec a, Vec after) { return STEREOPSIS_V(alignr_epi8)(parts_after(a, after), a, 1); }
+  static STEREOPSIS_INLINE __m128i least_of_word(__m128i v) {
+    const __m128i half = _mm_min_epu8(v, _mm_srli_epi32(v, 16));
+    return _mm_and_si128(_mm_min_epu8(half, _mm_srli_epi32(half, 8)), _mm_set1_epi32(255));
+  }
+};
+template <>
+struct Of<uint16_t> {
+  static STEREOPSIS_INLINE Vec set(uint16_t v) { return STEREOPSIS_V(set1_epi16)(static_cast<short>(v)); }
+  static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu16)(a, b); }
+  static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi16)(a, b); }
+  static STEREOPSIS_INLINE Vec add_most(Vec a, Vec b) { return STEREOPSIS_V(adds_epu16)(a, b); }
+  static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi16)(a, b); }
+  static STEREOPSIS_INLINE Vec one_up(Vec before, Vec a) { return STEREOPSIS_V(alignr_epi8)(a, parts_before(before, a), 14); }
+  static STEREOPSIS_INLINE Vec one_down(Vec a, Vec after) { return STEREOPSIS_V(alignr_epi8)(parts_after(a, after), a, 2); }
+  static STEREOPSIS_INLINE __m128i least_of_word(__m128i v) {
+    return _mm_and_si128(_mm_min_epu16(v, _mm_srli_epi32(v, 16)), _mm_set1_epi32(65535));
+  }
+};
+
+// The least lane of each of four vectors, in four words.
+template <class Lane>
+static STEREOPSIS_INLINE __m128i leasts(const Vec* v) {
+  using L = Of<Lane>;
+  const auto folded = [](Vec a, Vec b) {
+    return L::min(STEREOPSIS_V(unpacklo_epi64)(a, b), STEREOPSIS_V(unpackhi_epi64)(a, b));
+  };
+  const Vec a = folded(v[0], v[1]), b = folded(v[2], v[3]);
+  // a holds, in each part, two words of the first and two of the second.
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  const __m512 fa = _mm512_castsi512_ps(a), fb = _mm512_castsi512_ps(b);
+  const Vec all = L::min(_mm512_castps_si512(_mm512_shuffle_ps(fa, fb, 0x88)), _mm512_castps_si512(_mm512_shuffle_ps(fa, fb, 0xDD)));
+  const __m256i lower = _mm512_castsi512_si256(all), upper = _mm512_extracti64x4_epi64(all, 1);
+  const __m256i half = sizeof(Lane) == 1 ? _mm256_min_epu8(lower, upper) : _mm256_min_epu16(lower, upper);
+#else
+  const __m256 fa = _mm256_castsi256_ps(a), fb = _mm256_castsi256_ps(b);
+  const __m256i half =
+      L::min(_mm256_castps_si256(_mm256_shuffle_ps(fa, fb, 0x88)), _mm256_castps_si256(_mm256_shuffle_ps(fa, fb, 0xDD)));
+#endif
+  const __m128i lo = _mm256_castsi256_si128(half), hi = _mm256_extracti128_si256(half, 1);
+  return L::least_of_word(sizeof(Lane) == 1 ? _mm_min_epu8(lo, hi) : _mm_min_epu16(lo, hi));
+}
+static STEREOPSIS_INLINE Vec broadcast_lane(__m128i v, uint8_t) {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  return _mm512_broadcastb_epi8(v);
+#else
+  return _mm256_broadcastb_epi8(v);
+#endif
+}
+static STEREOPSIS_INLINE Vec broadcast_lane(__m128i v, uint16_t) {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  return _mm512_broadcastw_epi16(v);
+#else
+  return _mm256_broadcastw_epi16(v);
+#endif
+}
+
+// Adds the paths' costs to the sums.
+template <int N>
+static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint16_t* sums, uint8_t) {
+  Vec lo, hi;
+  if constexpr (N == 1) {
+    lo = STEREOPSIS_V(unpacklo_epi8)(t[0], zero()), hi = STEREOPSIS_V(unpackhi_epi8)(t[0], zero());
+  } else {
+    const Vec ones = STEREOPSIS_V(set1_epi8)(1);
+    lo = STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpacklo_epi8)(t[0], t[1]), ones);
+    hi = STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpackhi_epi8)(t[0], t[1]), ones);
+    if constexpr (N == 4) {
+      lo = STEREOPSIS_V(add_epi16)(lo, STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpacklo_epi8)(t[2], t[3]), ones));
+      hi = STEREOPSIS_V(add_epi16)(hi, STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpackhi_epi8)(t[2], t[3]), ones));
+    }
+  }
+  Vec first = joined_first(lo, hi), second = joined_second(lo, hi);
+  if (before) {
+    first = STEREOPSIS_V(add_epi16)(first, load(before));
+    second = STEREOPSIS_V(add_epi16)(second, load(before + kBytes / 2));
+  }
+  store(sums, first);
+  store(sums + kBytes / 2, second);
+}
+template <int N>
+static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint16_t* sums, uint16_t) {
+  Vec sum = t[0];
+  for (int k = 1; k < N; ++k) sum = STEREOPSIS_V(add_epi16)(sum, t[k]);
+  store(sums, before ? STEREOPSIS_V(add_epi16)(sum, load(before)) : sum);
+}
+
+// N paths, the last of them along the row where Along. Vectors: of a pixel's candidates, or 0 where only `row` knows.
+template <class Lane, int N, bool Along, int Vectors>
+static void paths_of(const PathRow<Lane>& row) {
+  using L = Of<Lane>;
+  constexpr int lanes = kBytes / sizeof(Lane), above = N - (Along ? 1 : 0);
+  const size_t room = row.room;
+  const int vectors = Vectors ? Vectors : (row.count + lanes - 1) / lanes;
+  const Vec p1 = L::set(row.first);
+  // All ones beyond the first candidate, and beyond the last.
+  alignas(64) Lane edge[2 * lanes] = {};
+  edge[0] = static_cast<Lane>(~Lane{0});
+  edge[2 * lanes - 1] = static_cast<Lane>(~Lane{0});
+  const Vec before_first = load(edge), after_last = load(edge + lanes), all_ones = L::set(static_cast<Lane>(~Lane{0}));
+  const Vec no_candidate = load(row.no_candidate + (vectors - 1) * lanes);
+  Lane* line = row.line;
+  for (size_t i = 0; i < room; ++i) line[i] = row.no_candidate[i];
+  Vec line_least = zero();
+  int x = row.step > 0 ? 0 : row.width - 1;
+  for (int n = 0; n < row.width; ++n, x += row.step) {
+    const Lane* costs = row.costs + x * room;
+    const uint16_t* sums_before = row.sums_before ? row.sums_before + x * room : nullptr;
+    uint16_t* sums = row.sums + x * room;
+    Vec least[N], limit[N], lowest[4] = {all_ones, all_ones, all_ones, all_ones};
+    const Lane* from[N];
+    Lane* to[N];
+    for (int k = 0; k < above; ++k) {
+      from[k] = row.from[k] + x * static_cast<ptrdiff_t>(room);
+      to[k] = row.to[k] + x * static_cast<ptrdiff_t>(room);
+      least[k] = L::set(static_cast<Lane>(row.least[k][x * kPathsAtOnce]));
+      limit[k] = L::add(least[k], L::set(row.second[k][x]));
+    }
+    if constexpr (Along) {
+      least[N - 1] = line_least;
+      limit[N - 1] = L::add(line_least, L::set(row.second[N - 1][x]));
+    }
+    Vec along_before = all_ones, along = load(line);
+    const auto block = [&](int v) STEREOPSIS_INLINE_LAMBDA {
+      const int i = v * lanes;
+      const bool is_first = v == 0, is_last = v == vectors - 1;
+      const Vec cost = load(costs + i);
+      Vec t[N];
+      unrolled<N>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+        Vec a, below, beyond;
+        if constexpr (Along && k == N - 1) {
+          a = along;
+          const Vec after = is_last ? all_ones : load(line + i + lanes);
+          below = L::one_up(along_before, a);
+          beyond = L::one_down(a, after);
+          along_before = a;
+          along = after;
+        } else {
+          a = load(from[k] + i);
+          below = load(from[k] + i - 1);
+          beyond = load(from[k] + i + 1);
+          if (is_first) below = either(below, before_first);
+          if (is_last) beyond = either(beyond, after_last);
+        }
+        const Vec stepped = L::add_most(L::min(below, beyond), p1);
+        a = L::min(L::min(a, stepped), limit[k]);
+        a = L::add(L::sub(a, least[k]), cost);
+        if (is_last) a = either(a, no_candidate);
+        lowest[k] = L::min(lowest[k], a);
+        t[k] = a;
+        if constexpr (Along && k == N - 1)
+          store(line + i, a);
+        else
+          store(to[k] + i, a);
+      });
+      add_up<N>(t, sums_before ? sums_before + i : nullptr, sums + i, Lane{});
+    };
+    if constexpr (Vectors > 0)
+      unrolled<Vectors>(block);
+    else
+      for (int v = 0; v < vectors; ++v) block(v);
+    const __m128i found = leasts<Lane>(lowest);
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(row.least_to + x * kPathsAtOnce), found);
+    if constexpr (Along) line_least = broadcast_lane(_mm_srli_si128(found, 4 * (N - 1)), Lane{});
+  }
+}
+
+template <class Lane, int N, bool Along>
+static void paths_with(const PathRow<Lane>& row) {
+  constexpr int lanes = kBytes / sizeof(Lane);
+  if ((row.count + lanes - 1) / lanes == 128 / lanes) return paths_of<Lane, N, Along, 128 / lanes>(row);
+  paths_of<Lane, N, Along, 0>(row);
+}
+
+template <class Lane>
+static void paths(const PathRow<Lane>& row) {
+  if (!row.along) return paths_with<Lane, 4, false>(row);
+  if (row.above == 3) return paths_with<Lane, 4, true>(row);
+  if (row.above == 1) return paths_with<Lane, 2, true>(row);
+  paths_with<Lane, 1, true>(row);
+}
+
+// ---- costs -----------------------------------------------------------------------------------------------------------------
+//
+// Four bits of the strings at a time: the left pixel's say which table holds, for the right one's, how many differ.
+
+alignas(16) static const uint8_t kOnes[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
+
+static void hamming(const HammingRow& row) {
+  const int quads = (row.bits + 3) / 4, last = row.width - 1;
+  const size_t reach = row.width + 2 * row.room + kSgmBlock;
+  uint8_t* planes = row.scratch;
+  for (int q = 0; q < quads; ++q) {
+    const uint64_t* from = row.right + (q / 16) * row.plane;
+    const int shift = 4 * (q % 16);
+    uint8_t* plane = planes + q * reach;
+    const auto bits = [&](int x) { return static_cast<uint8_t>(from[x] >> shift & 15); };
+    std::memset(plane, bits(last), row.room);
+    uint8_t* there = plane + row.room;
+    for (int x = 0; x <= last; ++x) there[last - x] = bits(x);
+    std::memset(there + row.width, bits(0), reach - row.room - row.width);
+  }
+  alignas(16) uint8_t tables[16][16];
+  for (int l = 0; l < 16; ++l)
+    for (int r = 0; r < 16; ++r) tables[l][r] = kOnes[l ^ r];
+  uint8_t* costs = row.costs;
+  for (int column = -row.margin; column < row.width + row.margin; ++column) {
+    const int x = static_cast<int>(clamp(column, 0, last));
+    const ptrdiff_t at = ptrdiff_t{last} - column + row.first + (row.shift ? row.shift[x] : 0) + static_cast<ptrdiff_t>(row.room);
+    const uint8_t* right = planes + clamp(at, 0, row.width + static_cast<ptrdiff_t>(row.room));
+    const uint64_t* left = row.left + x;
+    for (size_t i = 0; i < row.room; i += kBytes) {
+      Vec sum = zero();
+      uint64_t string = 0;
+      for (int q = 0; q < quads; ++q) {
+        string = q % 16 == 0 ? left[(q / 16) * row.plane] : string >> 4;
+        sum = STEREOPSIS_V(add_epi8)(
+            sum, STEREOPSIS_V(shuffle_epi8)(table_of(tables[string & 15]), load(right + q * reach + i)));
+      }
+      store(costs + i, sum);
+    }
+    costs += row.room;
+  }
+}
+
+template <class Lane>
+static void aggregate(const AggregateRow& row) {
+  constexpr int half = kBytes / 2;
+  const Vec rounding = STEREOPSIS_V(set1_epi16)(static_cast<short>(1 << row.unit >> 1));
+  const __m128i shift = _mm_cvtsi32_si128(row.unit);
+  Lane* out = static_cast<Lane*>(row.costs);
+  for (size_t i = 0; i < row.room; i += kBytes) {
+    Vec one[2], two[2];
+    const auto column = [&](size_t at, int part) {
+      at += part * half;
+      return STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(widened(row.above + at), widened(row.here + at)), widened(row.below + at));
+    };
+    for (int part = 0; part < 2; ++part) one[part] = column(i, part), two[part] = column(row.room + i, part);
+    for (int x = 0; x < row.width; ++x) {
+      Vec sum[2];
+      for (int part = 0; part < 2; ++part) {
+        const Vec next = column((x + 2) * row.room + i, part);
+        sum[part] = STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(one[part], two[part]), STEREOPSIS_V(add_epi16)(next, rounding));
+        sum[part] = STEREOPSIS_V(srl_epi16)(sum[part], shift);
+        one[part] = two[part];
+        two[part] = next;
+      }
+      Lane* to = out + x * row.room + i;
+      if constexpr (sizeof(Lane) == 1) {
+        store(to, unpermuted(STEREOPSIS_V(packus_epi16)(sum[0], sum[1])));
+      } else {
+        store(to, sum[0]);
+        store(to + half, sum[1]);
+      }
+    }
+  }
+}
+
+// ---- winners ---------------------------------------------------------------------------------------------------------------
+
+// The least of a pixel's sums, in the upper half, and its candidate's number in the lower. Where Right, every candidate's
+// is also offered to the right pixel that it means.
+template <bool Right>
+static STEREOPSIS_INLINE uint32_t least_sum(const uint16_t* sums, size_t room, const uint16_t* numbers, int from, uint32_t* right) {
+  constexpr int words = kBytes / 2;
+  const Vec start = STEREOPSIS_V(set1_epi16)(static_cast<short>(from));
+  Vec best = STEREOPSIS_V(set1_epi32)(-1);
+  for (size_t i = 0; i < room; i += words) {
+    const Vec sum = for_unpacking(load(sums + i)), number = STEREOPSIS_V(add_epi16)(start, load(numbers + i));
+    const Vec lo = STEREOPSIS_V(unpacklo_epi16)(number, sum), hi = STEREOPSIS_V(unpackhi_epi16)(number, sum);
+    best = STEREOPSIS_V(min_epu32)(best, STEREOPSIS_V(min_epu32)(lo, hi));
+    if constexpr (Right) {
+      store(right + i, STEREOPSIS_V(min_epu32)(lo, load(right + i)));
+      store(right + i + words / 2, STEREOPSIS_V(min_epu32)(hi, load(right + i + words / 2)));
+    }
+  }
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  return _mm512_reduce_min_epu32(best);
+#else
+  __m128i m = _mm_min_epu32(_mm256_castsi256_si128(best), _mm256_extracti128_si256(best, 1));
+  m = _mm_min_epu32(m, _mm_shuffle_epi32(m, 0x4E));
+  return static_cast<uint32_t>(_mm_cvtsi128_si32(_mm_min_epu32(m, _mm_shuffle_epi32(m, 0xB1))));
+#endif
+}
+static STEREOPSIS_INLINE void number_candidates(uint16_t* numbers, size_t room) {
+  constexpr int words = kBytes / 2;
+  for (size_t i = 0; i < room; ++i) numbers[i] = static_cast<uint16_t>(i);
+  for (size_t i = 0; i < room; i += words) store(numbers + i, for_unpacking(load(numbers + i)));
+}
+static STEREOPSIS_INLINE uint16_t least_of(const uint16_t* sums, size_t room) {
+  Vec best = load(sums);
+  for (size_t i = kBytes / 2; i < room; i += kBytes / 2) best = STEREOPSIS_V(min_epu16)(best, load(sums + i));
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  const __m256i half = _mm256_min_epu16(_mm512_castsi512_si256(best), _mm512_extracti64x4_epi64(best, 1));
+#else
+  const __m256i half = best;
+#endif
+  return static_cast<uint16_t>(_mm_extract_epi16(
+      _mm_minpos_epu16(_mm_min_epu16(_mm256_castsi256_si128(half), _mm256_extracti128_si256(half, 1))), 0));
+}
+
+#else
+
+// ---- plain loops -----------------------------------------------------------------------------------------------------------
+
+// One path at one pixel; returns the least of its costs.
+template <class Lane>
+static STEREOPSIS_INLINE Lane step_path(const Lane* STEREOPSIS_RESTRICT from, Lane* STEREOPSIS_RESTRICT to,
+                                        const Lane* STEREOPSIS_RESTRICT costs, const Lane* STEREOPSIS_RESTRICT no_candidate,
+                                        int room, int least, int p1, int p2) {
+  constexpr Lane most = static_cast<Lane>(~Lane{0});
+  const Lane limit = static_cast<Lane>(least + p2), less = static_cast<Lane>(least), penalty = static_cast<Lane>(p1);
+  const auto at = [&](int i, Lane before, Lane after) {
+    const Lane next = before < after ? before : after;
+    const Lane stepped = static_cast<Lane>(next + penalty);
+    const Lane safe = static_cast<Lane>(stepped | -static_cast<int>(stepped < next));
+    Lane best = from[i] < safe ? from[i] : safe;
+    best = best < limit ? best : limit;
+    return static_cast<Lane>(static_cast<Lane>(best - less + costs[i]) | no_candidate[i]);
+  };
+  to[0] = at(0, most, room > 1 ? from[1] : most);
+  for (int i = 1; i < room - 1; ++i) to[i] = at(i, from[i - 1], from[i + 1]);
+  to[room - 1] = at(room - 1, from[room - 2], most);
+  Lane lowest = most;
+  for (int i = 0; i < room; ++i) lowest = to[i] < lowest ? to[i] : lowest;
+  return lowest;
+}
+
+template <class Lane>
+static void paths(const PathRow<Lane>& row) {
+  const int room = static_cast<int>(row.room);
+  Lane *line = row.line, *next = row.line + room;
+  for (int i = 0; i < room; ++i) line[i] = row.no_candidate[i];
+  int least = 0, x = row.step > 0 ? 0 : row.width - 1;
+  for (int n = 0; n < row.width; ++n, x += row.step) {
+    const ptrdiff_t at = static_cast<ptrdiff_t>(x) * room;
+    uint16_t* STEREOPSIS_RESTRICT sums = row.sums + at;
+    if (!row.sums_before)
+      for (int i = 0; i < room; ++i) sums[i] = 0;
+    else if (row.sums_before != row.sums)
+      for (int i = 0; i < room; ++i) sums[i] = row.sums_before[at + i];
+    const auto add = [&](const Lane* STEREOPSIS_RESTRICT t) {
+      for (int i = 0; i < room; ++i) sums[i] = static_cast<uint16_t>(sums[i] + t[i]);
+    };
+    for (int k = 0; k < row.above; ++k) {
+      row.least_to[x * kPathsAtOnce + k] = step_path(row.from[k] + at, row.to[k] + at, row.costs + at, row.no_candidate, room,
+                                                     static_cast<int>(row.least[k][x * kPathsAtOnce]), row.first, row.second[k][x]);
+      add(row.to[k] + at);
+    }
+    if (row.along) {
+      least = step_path(line, next, row.costs + at, row.no_candidate, room, least, row.first, row.second[row.above][x]);
+      Lane* const done = next;
+      next = line, line = done;
+      add(done);
+    }
+  }
+}
+
+static void hamming(const HammingRow& row) {
+  const int bytes = (row.bits + 7) / 8, last = row.width - 1, room = static_cast<int>(row.room);
+  const size_t reach = row.width + 2 * row.room + kSgmBlock;
+  for (int q = 0; q < bytes; ++q) {
+    const uint64_t* from = row.right + (q / 8) * row.plane;
+    uint8_t* plane = row.scratch + q * reach;
+    for (size_t t = 0; t < reach; ++t)
+      plane[t] = static_cast<uint8_t>(from[clamp(last - (static_cast<ptrdiff_t>(t) - room), 0, last)] >> 8 * (q % 8));
+  }
+  uint8_t* STEREOPSIS_RESTRICT costs = row.costs;
+  for (int column = -row.margin; column < row.width + row.margin; ++column) {
+    const int x = static_cast<int>(clamp(column, 0, last));
+    const ptrdiff_t at = ptrdiff_t{last} - column + row.first + (row.shift ? row.shift[x] : 0) + room;
+    const uint8_t* right = row.scratch + clamp(at, 0, row.width + room);
+    for (int i = 0; i < room; ++i) costs[i] = 0;
+    for (int q = 0; q < bytes; ++q) {
+      const uint8_t* STEREOPSIS_RESTRICT string = right + q * reach;
+      const uint8_t left = static_cast<uint8_t>(row.left[(q / 8) * row.plane + x] >> 8 * (q % 8));
+      for (int i = 0; i < room; ++i) {
+        uint8_t v = left ^ string[i];
+        v = static_cast<uint8_t>(v - (v >> 1 & 0x55));
+        v = static_cast<uint8_t>((v & 0x33) + (v >> 2 & 0x33));
+        costs[i] = static_cast<uint8_t>(costs[i] + ((v + (v >> 4)) & 15));
+      }
+    }
+    costs += room;
+  }
+}
+
+template <class Lane>
+static void aggregate(const AggregateRow& row) {
+  const int room = static_cast<int>(row.room), rounding = 1 << row.unit >> 1;
+  for (int x = 0; x < row.width; ++x) {
+    Lane* STEREOPSIS_RESTRICT out = static_cast<Lane*>(row.costs) + static_cast<size_t>(x) * room;
+    const size_t at = static_cast<size_t>(x) * room;
+    for (int i = 0; i < room; ++i) {
+      int sum = rounding;
+      for (int column = 0; column < 3; ++column) {
+        const size_t k = at + column * row.room + i;
+        sum += row.above[k] + row.here[k] + row.below[k];
+      }
+      out[i] = static_cast<Lane>(sum >> row.unit);
+    }
+  }
+}
+
+template <bool Right>
+static STEREOPSIS_INLINE uint32_t least_sum(const uint16_t* STEREOPSIS_RESTRICT sums, size_t room,
+                                            const uint16_t* STEREOPSIS_RESTRICT numbers, int from,
+                                            uint32_t* STEREOPSIS_RESTRICT right) {
+  uint32_t best = ~0u;
+  for (size_t i = 0; i < room; ++i) {
+    const uint32_t key = static_cast<uint32_t>(sums[i]) << 16 | static_cast<uint32_t>(numbers[i] + from);
+    best = key < best ? key : best;
+    if (Right) right[i] = key < right[i] ? key : right[i];
+  }
+  return best;
+}
+static STEREOPSIS_INLINE void number_candidates(uint16_t* numbers, size_t room) {
+  for (size_t i = 0; i < room; ++i) numbers[i] = static_cast<uint16_t>(i);
+}
+static STEREOPSIS_INLINE uint16_t least_of(const uint16_t* sums, size_t room) {
+  uint16_t best = 65535;
+  for (size_t i = 0; i < room; ++i) best = sums[i] < best ? sums[i] : best;
+  return best;
+}
+
+#endif
+
+static void winners(const WinnerRow& row) {
+  const Pair& pair = *row.pair;
+  const int W = pair.width, count = row.count;
+  const size_t room = row.room, width = static_cast<size_t>(W), reach = width + pair.count + room;
+  const bool left_right = row.settings->left_right, uniqueness = row.settings->uniqueness;
+  int32_t *winner = row.scratch, *cost = winner + W, *before = cost + W, *after = before + W, *second = after + W;
+  int32_t* claims = second + W;  // 2 W + 1
+  uint16_t* numbers = reinterpret_cast<uint16_t*>(claims + 2 * width + 1);
+  number_candidates(numbers, room);
+  if (left_right)
+    for (size_t j = 0; j < reach; ++j) row.right[j] = ~0u;
+  // Pixels far apart in turn: what one has offered to the right view is not asked for again at once.
+  for (size_t start = 0; start < room && start < width; ++start)
+    for (size_t x = start; x < width; x += room) {
+      uint16_t* sums = row.sums + x * room;
+      const int from = row.shift ? row.shift[x] - row.least_shift : 0;
+      const uint32_t best = left_right ? least_sum<true>(sums, room, numbers, from, row.right + (width - 1 - x) + from)
+                                       : least_sum<false>(sums, room, numbers, from, nullptr);
+      const int i = static_cast<int>(best & 65535) - from;
+      const int32_t here = sums[i];
+      const bool has_before = i > 0 && sums[i - 1] != 65535, has_after = i + 1 < count && sums[i + 1] != 65535;
+      winner[x] = i + from;
+      cost[x] = here;
+      // At an end of the candidates the one neighbour stands for both.
+      before[x] = has_before ? sums[i - 1] : has_after ? sums[i + 1] : here;
+      after[x] = has_after ? sums[i + 1] : before[x];
+      if (!uniqueness) continue;
+      const int lo = i > 0 ? i - 1 : 0, hi = i + 1 < count ? i + 1 : i;
+      uint16_t kept[3];
+      for (int k = lo; k <= hi; ++k) kept[k - lo] = sums[k], sums[k] = 65535;
+      const uint16_t least = least_of(sums, room);
+      second[x] = least == 65535 ? worst_cost<int32_t>() : least;
+      for (int k = lo; k <= hi; ++k) sums[k] = kept[k - lo];
+    }
+  int32_t* right = reinterpret_cast<int32_t*>(row.right);
+  if (left_right)
+    for (size_t j = 0; j < reach; ++j) right[j] = row.right[j] >= 65535u << 16 ? -1 : static_cast<int32_t>(row.right[j] & 65535);
+  if (row.shift)
+    for (int x = 0; x < W; ++x) {
+      // A pixel of whose own candidates none is in view, though others' would be, passes through as any of these.
+      const int lo = x - pair.first - (W - 1), hi = x - pair.first < pair.count - 1 ? x - pair.first : pair.count - 1;
+      if (cost[x] == 65535) winner[x] = static_cast<int32_t>(clamp(winner[x], lo > 0 ? lo : 0, hi > 0 ? hi : 0));
+    }
+  finish<int32_t>(pair, *row.settings, {winner, cost, before, after, second, claims, right}, *row.out, row.y);
+  if (row.shift)
+    for (int x = 0; x < W; ++x) {
+      if (cost[x] != 65535) continue;
+      const size_t at = static_cast<size_t>(row.y) * W + x;
+      row.out->disparity[at] = std::numeric_limits<float>::quiet_NaN();
+      row.out->confidence[at] = 0;
+      row.out->flags[at] = kOutOfView;
+      if (row.out->cost) row.out->cost[at] = std::numeric_limits<float>::infinity();
+    }
+}
+
+}  // namespace
+
+extern const SgmKernels sgm;
+const SgmKernels sgm = {hamming, aggregate<uint8_t>, aggregate<uint16_t>, paths<uint8_t>, paths<uint16_t>, winners};
+
+}  // namespace STEREOPSIS_ISA
+}  // namespace stereopsis

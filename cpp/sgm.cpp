@@ -14,6 +14,9 @@
 #if defined(__linux__)
 #include <sys/mman.h>
 #endif
+#if defined(STEREOPSIS_X86) && defined(_MSC_VER)
+#include <intrin.h>
+#endif
 
 namespace stereopsis {
 
@@ -27,12 +30,29 @@ extern const SgmKernels sgm;
 namespace avx512 {
 extern const SgmKernels sgm;
 }
+namespace avx512vnni {
+extern const SgmKernels sgm;
+}
+
+namespace {
+bool counts_bits_of_bytes() {
+#if defined(_MSC_VER)
+  int r[4];
+  __cpuidex(r, 7, 0);
+  return r[2] >> 12 & 1;
+#else
+  __builtin_cpu_init();
+  return __builtin_cpu_supports("avx512bitalg");
+#endif
+}
+}  // namespace
 #endif
 
 const SgmKernels& choose_sgm(const std::string& name) {
   const std::string chosen = choose_kernel(name).name;
 #if defined(STEREOPSIS_X86)
-  if (chosen == "avx512vnni" || chosen == "avx512") return avx512::sgm;  // which has nothing to gain from VNNI
+  if (chosen == "avx512vnni" && counts_bits_of_bytes()) return avx512vnni::sgm;
+  if (chosen == "avx512vnni" || chosen == "avx512") return avx512::sgm;
   if (chosen == "avx2") return avx2::sgm;
 #endif
   return generic::sgm;
@@ -86,63 +106,61 @@ class CostRows {
  public:
   explicit CostRows(const SgmJob& job)
       : job_(job),
-        row_(job.pair.width * job.room),
         kept_(job.census ? (aggregated() ? 3 : 1) * distances() : 0),
-        scratch_(job.census ? hamming_scratch(job.census->bits, job.pair.width, job.room) : 0) {
-    row_.fill(job.pair.width * job.room, 0);
-  }
+        scratch_(job.census ? hamming_scratch(job.census->bits, job.pair.width, job.room) : 0) {}
 
-  const Lane* at(int y) {
-    const int W = job_.pair.width, H = job_.pair.height;
+  // Row y into (width, room), what is beyond the candidates being anything.
+  void make(int y, Lane* row) {
+    const int W = job_.pair.width, H = job_.pair.height, D = job_.pair.count;
     const size_t room = job_.room, size = W * room;
-    Lane* row = row_.get();
     if (!job_.census) {
-      const uint16_t* from = job_.volume + static_cast<size_t>(y) * W * job_.pair.count;
-      for (int x = 0; x < W; ++x)
-        for (int i = 0; i < job_.pair.count; ++i) row[x * room + i] = static_cast<Lane>(*from++);
-      return row;
+      const uint16_t* from = job_.volume + static_cast<size_t>(y) * W * D;
+      for (size_t x = 0; x < static_cast<size_t>(W); ++x) {
+        for (int i = 0; i < D; ++i) row[x * room + i] = static_cast<Lane>(from[x * D + i]);
+        std::fill(row + x * room + D, row + (x + 1) * room, Lane{0});
+      }
+      return;
     }
     const CensusCosts& census = *job_.census;
     if (aggregated()) {
-      const AggregateRow sums{hamming(std::max(y - 1, 0)), hamming(y), hamming(std::min(y + 1, H - 1)), W, census.unit, room, row};
+      const AggregateRow sums{kept(std::max(y - 1, 0)), kept(y), kept(std::min(y + 1, H - 1)), W, census.unit, room, row};
       (sizeof(Lane) == 1 ? job_.kernels->aggregate8 : job_.kernels->aggregate16)(sums);
+    } else if (sizeof(Lane) == 1 && !census.unit) {
+      hamming(y, reinterpret_cast<uint8_t*>(row));
     } else {
-      const uint8_t* distances = hamming(y);
+      const uint8_t* distances = kept(y);
       const int rounding = 1 << census.unit >> 1;
-      if (sizeof(Lane) == 1 && !census.unit)
-        std::memcpy(row, distances, size);
-      else
-        for (size_t k = 0; k < size; ++k) row[k] = static_cast<Lane>((distances[k] + rounding) >> census.unit);
+      for (size_t k = 0; k < size; ++k) row[k] = static_cast<Lane>((distances[k] + rounding) >> census.unit);
     }
+    const Lane most = static_cast<Lane>(job_.settings.most);
     for (int x = 0; x < W; ++x) {
       int lo, hi;
       job_.in_view(x, y, &lo, &hi);
-      const Lane most = static_cast<Lane>(job_.settings.most);
-      std::fill_n(row + x * room, lo, most);
-      std::fill_n(row + x * room + hi, job_.pair.count - hi, most);
+      if (lo > 0) std::fill_n(row + x * room, lo, most);
+      if (hi < D) std::fill_n(row + x * room + hi, D - hi, most);
     }
-    return row;
   }
 
  private:
   bool aggregated() const { return job_.census->aggregated; }
   size_t distances() const { return (job_.pair.width + 2) * job_.room; }
 
-  const uint8_t* hamming(int y) {
+  const uint8_t* kept(int y) {
     const int slot = aggregated() ? y % 3 : 0;
     uint8_t* row = kept_.get() + slot * distances();
-    if (row_of_[slot] == y) return row;
+    if (row_of_[slot] != y) hamming(y, row);
+    row_of_[slot] = y;
+    return row;
+  }
+  void hamming(int y, uint8_t* row) {
     const size_t W = job_.pair.width, at = static_cast<size_t>(y) * W;
     const CensusCosts& census = *job_.census;
     job_.kernels->hamming({census.left + at, census.right + at, census.shift ? census.shift + at : nullptr,
                            W * job_.pair.height, census.bits, job_.pair.width, job_.pair.first, job_.room, aggregated() ? 1 : 0,
                            scratch_.get(), row});
-    row_of_[slot] = y;
-    return row;
   }
 
   const SgmJob& job_;
-  Block<Lane> row_;
   Block<uint8_t> kept_, scratch_;
   int row_of_[3] = {-1, -1, -1};
 };
@@ -203,6 +221,21 @@ class GroupState {
     std::fill_n(second_.get(), (group.above.size() + 1) * job.pair.width, static_cast<Lane>(job.settings.p2[0]));
   }
 
+  // What the `turn`th row will look back at.
+  size_t saved() const {
+    size_t rows = 0;
+    for (const Offset& offset : group_.above) rows += offset.dy;
+    return rows * costs_row() * sizeof(Lane) + (depth() - 1) * least_row() * sizeof(uint32_t);
+  }
+  char* save(int turn, char* to) const {
+    each_saved(turn, [&](void* from, size_t bytes) { std::memcpy(to, from, bytes), to += bytes; });
+    return to;
+  }
+  const char* restore(int turn, const char* from) {
+    each_saved(turn, [&](void* to, size_t bytes) { std::memcpy(to, from, bytes), from += bytes; });
+    return from;
+  }
+
   // Row y, the `turn`th of the sweep.
   void row(int turn, int y, const Lane* costs, const uint16_t* before, uint16_t* sums) {
     const int W = job_.pair.width, above = static_cast<int>(group_.above.size());
@@ -213,15 +246,14 @@ class GroupState {
     row.count = job_.pair.count;
     row.room = room;
     row.along = group_.along != 0;
+    row.guided = job_.settings.guide != nullptr;
     row.above = above;
     row.costs = costs;
     row.no_candidate = no_candidate_.get();
     for (int k = 0; k < above; ++k) {
       const Offset& offset = group_.above[k];
-      const int slots = offset.dy + 1;
-      const auto costs_at = [&](int t) { return costs_[k]->get() + 64 + ((t + slots) % slots * columns_ + kMargin) * room; };
-      row.from[k] = costs_at(turn - offset.dy) + offset.dx * static_cast<ptrdiff_t>(room);
-      row.to[k] = costs_at(turn);
+      row.from[k] = costs_at(k, turn - offset.dy) + offset.dx * static_cast<ptrdiff_t>(room);
+      row.to[k] = costs_at(k, turn);
       row.least[k] = least_at(turn - offset.dy) + offset.dx * kPathsAtOnce + k;
     }
     row.least_to = least_at(turn);
@@ -247,8 +279,18 @@ class GroupState {
     for (const Offset& offset : group_.above) deepest = std::max(deepest, offset.dy);
     return deepest + 1;
   }
-  uint32_t* least_at(int turn) {
-    return least_.get() + ((turn + depth()) % depth() * columns_ + kMargin) * kPathsAtOnce;
+  size_t costs_row() const { return job_.pair.width * job_.room; }
+  size_t least_row() const { return static_cast<size_t>(job_.pair.width) * kPathsAtOnce; }
+  Lane* costs_at(int k, int turn) const {
+    const int slots = group_.above[k].dy + 1;
+    return costs_[k]->get() + 64 + ((turn + slots) % slots * columns_ + kMargin) * job_.room;
+  }
+  uint32_t* least_at(int turn) const { return least_.get() + ((turn + depth()) % depth() * columns_ + kMargin) * kPathsAtOnce; }
+  template <class Visit>
+  void each_saved(int turn, Visit visit) const {
+    for (int k = 0; k < static_cast<int>(group_.above.size()); ++k)
+      for (int back = 1; back <= group_.above[k].dy; ++back) visit(costs_at(k, turn - back), costs_row() * sizeof(Lane));
+    for (int back = 1; back < depth(); ++back) visit(least_at(turn - back), least_row() * sizeof(uint32_t));
   }
   void second_penalties(int k, int y, int dx, int dy) {
     const int W = job_.pair.width, before = down_ ? y - dy : y + dy;
@@ -277,111 +319,166 @@ struct Ends {
   int least_shift = 0, largest_shift = 0;
 };
 
-// All paths that come from above, or from below.
+// All paths that come from above, or from below, row by row.
 template <class Lane>
 class Sweep {
  public:
-  Sweep(const SgmJob& job, const Ends& ends, bool down)
-      : job_(job),
-        ends_(ends),
-        costs_(job),
-        sums_(job.pair.width * job.room),
-        all_{job.pair},
-        right_(job.pair.width + job.pair.count + (ends.largest_shift - ends.least_shift) + job.room),
-        scratch_(winner_scratch(job.pair.width, job.room)) {
-    all_.first += ends.least_shift;
-    all_.count += ends.largest_shift - ends.least_shift;
+  Sweep(const SgmJob& job, bool down) {
     for (const Group& group : groups_of(job.settings.paths, down)) groups_.push_back(std::make_unique<GroupState<Lane>>(job, group, down));
   }
-
-  // The sums of this sweep's paths alone, into `volume`.
-  void keep(int y, uint16_t* volume) { add(y, nullptr, row_of(volume, y), false); }
-  // With those of the other sweep, which `volume` holds, or without another: the result.
-  void complete(int y, const uint16_t* volume) {
-    add(y, volume ? row_of(const_cast<uint16_t*>(volume), y) : nullptr, nullptr, true);
-    end(y);
-  }
-
- private:
-  uint16_t* row_of(uint16_t* volume, int y) const { return volume + static_cast<size_t>(y) * job_.pair.width * job_.pair.count; }
-
-  void add(int y, const uint16_t* before, uint16_t* to, bool) {
-    const int W = job_.pair.width, D = job_.pair.count;
-    const size_t room = job_.room;
-    const bool whole = room == static_cast<size_t>(D);
-    uint16_t* sums = to && whole ? to : sums_.get();
-    if (before && !whole) {
-      for (int x = 0; x < W; ++x) std::copy_n(before + static_cast<size_t>(x) * D, D, sums + x * room);
-      before = sums;
-    }
-    const Lane* costs = costs_.at(y);
+  // Adds to the sums `before`, or to nothing; the costs alone go on where there are no `sums`.
+  void row(int y, const Lane* costs, const uint16_t* before, uint16_t* sums) {
     for (auto& group : groups_) {
       group->row(turn_, y, costs, before, sums);
       before = sums;
     }
     ++turn_;
-    if (to && !whole)
-      for (int x = 0; x < W; ++x) std::copy_n(sums + x * room, D, to + static_cast<size_t>(x) * D);
+  }
+  size_t saved() const {
+    size_t bytes = 0;
+    for (const auto& group : groups_) bytes += group->saved();
+    return bytes;
+  }
+  void save(char* to) const {
+    for (const auto& group : groups_) to = group->save(turn_, to);
+  }
+  void restore(int turn, const char* from) {
+    turn_ = turn;
+    for (auto& group : groups_) from = group->restore(turn, from);
   }
 
-  void end(int y) {
-    const int W = job_.pair.width, D = job_.pair.count;
-    const size_t room = job_.room;
-    uint16_t* sums = sums_.get();
-    for (int x = 0; x < W; ++x) {
-      int lo, hi;
-      job_.in_view(x, y, &lo, &hi);
-      std::fill_n(sums + x * room, lo, uint16_t{65535});
-      std::fill(sums + x * room + hi, sums + (x + 1) * room, uint16_t{65535});
-    }
-    if (ends_.volume)
-      for (int x = 0; x < W; ++x) std::copy_n(sums + x * room, D, row_of(ends_.volume, y) + static_cast<size_t>(x) * D);
-    if (!ends_.out) return;
-    const int16_t* shift = job_.census && job_.census->shift ? job_.census->shift + static_cast<size_t>(y) * W : nullptr;
-    job_.kernels->winners({&all_, ends_.settings, D, shift, ends_.least_shift, room, sums, right_.get(), scratch_.get(), ends_.out, y});
-  }
-
-  const SgmJob& job_;
-  const Ends& ends_;
-  CostRows<Lane> costs_;
-  Block<uint16_t> sums_;
-  Pair all_;
-  Block<uint32_t> right_;
-  Block<int32_t> scratch_;
+ private:
   std::vector<std::unique_ptr<GroupState<Lane>>> groups_;
   int turn_ = 0;
 };
 
-// Two sweeps meet in the middle: each keeps its sums over its first half of the rows, and completes those of the other over
-// its second. So two threads are busy all the time, and one volume of sums is enough.
+// Makes of a row of complete sums what is asked for.
+class RowEnd {
+ public:
+  RowEnd(const SgmJob& job, const Ends& ends)
+      : job_(job),
+        ends_(ends),
+        all_{job.pair},
+        right_(job.pair.width + job.pair.count + (ends.largest_shift - ends.least_shift) + job.room),
+        scratch_(winner_scratch(job.pair.width, job.room)) {
+    all_.first += ends.least_shift;
+    all_.count += ends.largest_shift - ends.least_shift;
+  }
+
+  void row(int y, uint16_t* sums) {
+    const int W = job_.pair.width, D = job_.pair.count;
+    const size_t room = job_.room, at = static_cast<size_t>(y) * W;
+    for (int x = 0; x < W; ++x) {
+      int lo, hi;
+      job_.in_view(x, y, &lo, &hi);
+      if (lo > 0) std::fill_n(sums + x * room, lo, uint16_t{65535});
+      std::fill(sums + x * room + hi, sums + (x + 1) * room, uint16_t{65535});
+    }
+    if (ends_.volume)
+      for (int x = 0; x < W; ++x) std::copy_n(sums + x * room, D, ends_.volume + (at + x) * D);
+    if (!ends_.out) return;
+    const int16_t* shift = job_.census && job_.census->shift ? job_.census->shift + at : nullptr;
+    job_.kernels->winners({&all_, ends_.settings, D, shift, ends_.least_shift, room, sums, right_.get(), scratch_.get(), ends_.out, y});
+  }
+
+ private:
+  const SgmJob& job_;
+  const Ends& ends_;
+  Pair all_;
+  Block<uint32_t> right_;
+  Block<int32_t> scratch_;
+};
+
+// Rows that are followed again at a time: their sums stay in the cache, and what is kept of the others is little.
+constexpr int kStretch = 8;
+
+// Two sweeps, one down and one up, meet in the middle. Over its first half of the rows each only notes what it looks back
+// at, every kStretch rows. Over its second half it ends each row, with the sums of the other sweep's paths, which are
+// followed again from what was noted. So two threads are busy all the time, and no volume of sums is needed.
+template <class Lane>
+class Meeting {
+ public:
+  Meeting(const SgmJob& job, const Ends& ends)
+      : job_(job), ends_(ends), down_(job, true), up_(job, false), noted_down_(notes(false)), noted_up_(notes(true)) {}
+
+  void run(const Workers& workers) {
+    for (const bool first : {true, false})
+      parallel_rows(2, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+        for (int which = begin; which < end; ++which) first ? note(which, cancel) : finish(which, cancel);
+      });
+  }
+
+ private:
+  int middle() const { return (job_.pair.height + 1) / 2; }
+  // Of the sweep down (0) or up (1): how many rows its first half has, and the turn-th of all its rows.
+  int half(int which) const { return which == 0 ? middle() : job_.pair.height - middle(); }
+  int row_of(int which, int turn) const { return which == 0 ? turn : job_.pair.height - 1 - turn; }
+  size_t notes(bool up) const { return (static_cast<size_t>(half(up)) + kStretch - 1) / kStretch * down_.saved(); }
+  char* noted(int which) { return (which == 0 ? noted_down_ : noted_up_).get(); }
+  size_t row_size() const { return job_.pair.width * job_.room; }
+
+  void note(int which, const Cancel& cancel) {
+    Sweep<Lane>& sweep = which == 0 ? down_ : up_;
+    CostRows<Lane> rows(job_);
+    Block<Lane> costs(row_size());
+    for (int turn = 0; turn < half(which) && !cancel.load(std::memory_order_relaxed); ++turn) {
+      if (turn % kStretch == 0) sweep.save(noted(which) + turn / kStretch * sweep.saved());
+      rows.make(row_of(which, turn), costs.get());
+      sweep.row(row_of(which, turn), costs.get(), nullptr, nullptr);
+    }
+  }
+
+  void finish(int which, const Cancel& cancel) {
+    const int other = 1 - which;
+    Sweep<Lane>& sweep = which == 0 ? down_ : up_;
+    Sweep<Lane> again(job_, other == 0);
+    CostRows<Lane> rows(job_);
+    RowEnd row_end(job_, ends_);
+    Block<Lane> costs(kStretch * row_size());
+    Block<uint16_t> sums(kStretch * row_size());
+    // The other's stretches, from the last one back to its first.
+    for (int stretch = (half(other) + kStretch - 1) / kStretch - 1; stretch >= 0; --stretch) {
+      const int begin = stretch * kStretch, end = std::min(begin + kStretch, half(other));
+      again.restore(begin, noted(other) + stretch * again.saved());
+      for (int turn = begin; turn < end; ++turn) {
+        if (cancel.load(std::memory_order_relaxed)) return;
+        const size_t slot = (turn - begin) * row_size();
+        rows.make(row_of(other, turn), costs.get() + slot);
+        again.row(row_of(other, turn), costs.get() + slot, nullptr, sums.get() + slot);
+      }
+      for (int turn = end - 1; turn >= begin; --turn) {
+        if (cancel.load(std::memory_order_relaxed)) return;
+        const size_t slot = (turn - begin) * row_size();
+        uint16_t* const row = sums.get() + slot;
+        sweep.row(row_of(other, turn), costs.get() + slot, row, row);
+        row_end.row(row_of(other, turn), row);
+      }
+    }
+  }
+
+  const SgmJob& job_;
+  const Ends& ends_;
+  Sweep<Lane> down_, up_;
+  Block<char> noted_down_, noted_up_;
+};
+
 template <class Lane>
 void sweep(const SgmJob& job, const Ends& ends, const Workers& workers) {
-  const int H = job.pair.height, middle = (H + 1) / 2;
-  const auto stopped = [](const Cancel& cancel) { return cancel.load(std::memory_order_relaxed); };
-  if (!both_ways(job.settings.paths)) {
-    // Paths along the rows know nothing of other rows.
-    const int bands = job.settings.paths == 2 ? workers.threads : 1;
-    parallel_rows(H, bands, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-      Sweep<Lane> down(job, ends, true);
-      for (int y = begin; y < end && !stopped(cancel); ++y) down.complete(y, nullptr);
-    });
-    return;
-  }
-  std::unique_ptr<Block<uint16_t>> own;
-  if (!ends.volume) own = std::make_unique<Block<uint16_t>>(static_cast<size_t>(H) * job.pair.width * job.pair.count);
-  uint16_t* const volume = own ? own->get() : ends.volume;
-  Sweep<Lane> down(job, ends, true), up(job, ends, false);
-  for (const bool first : {true, false})
-    parallel_rows(2, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-      for (int which = begin; which < end; ++which) {
-        if (which == 0)
-          for (int y = first ? 0 : middle; y < (first ? middle : H) && !stopped(cancel); ++y)
-            first ? down.keep(y, volume) : down.complete(y, volume);
-        else
-          for (int y = (first ? H : middle) - 1; y >= (first ? middle : 0) && !stopped(cancel); --y)
-            first ? up.keep(y, volume) : up.complete(y, volume);
-      }
-    });
+  if (both_ways(job.settings.paths)) return Meeting<Lane>(job, ends).run(workers);
+  // Paths along the rows know nothing of other rows.
+  const int bands = job.settings.paths == 2 ? workers.threads : 1;
+  parallel_rows(job.pair.height, bands, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    Sweep<Lane> down(job, true);
+    CostRows<Lane> rows(job);
+    RowEnd row_end(job, ends);
+    Block<Lane> costs(job.pair.width * job.room);
+    Block<uint16_t> sums(job.pair.width * job.room);
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      rows.make(y, costs.get());
+      down.row(y, costs.get(), nullptr, sums.get());
+      row_end.row(y, sums.get());
+    }
+  });
 }
 
 void run(const SgmJob& job, const Ends& ends, const Workers& workers) {

@@ -33,8 +33,9 @@ struct HammingRow {
   uint8_t* scratch;  // hamming_scratch(bits, width, room)
   uint8_t* costs;
 };
+// The strings of a row, and theirs in parts of at least four bits; planes are looked at up to the end of a string.
 inline size_t hamming_scratch(int bits, int width, size_t room) {
-  return static_cast<size_t>((bits + 3) / 4) * (width + 2 * room + kSgmBlock) + 16 * static_cast<size_t>((bits + 3) / 4);
+  return (8 + static_cast<size_t>((bits + 63) / 64) * 16) * (width + 2 * room + kSgmBlock);
 }
 
 // Sums of 3 x 3 of such distances, whose margin is 1, rounded to units of 2^unit.
@@ -53,7 +54,7 @@ struct PathRow {
   int width, step;  // +1: from left to right
   int count;        // candidates
   size_t room;
-  bool along;
+  bool along, guided;               // whether P2 differs from pixel to pixel
   int above;                        // paths that come from other rows
   const Lane* costs;                // (width, room)
   const Lane* no_candidate;         // (room): all ones where there is no candidate, else 0
@@ -65,7 +66,7 @@ struct PathRow {
   Lane first;                           // P1
   Lane* line;                           // scratch, 2 * room
   const uint16_t* sums_before;          // (width, room), or null for none
-  uint16_t* sums;                       // (width, room); beyond the candidates anything
+  uint16_t* sums;                       // (width, room), or null; beyond the candidates anything
 };
 
 // The winners of a row of sums, (width, room), in which whatever is out of view is 65535.

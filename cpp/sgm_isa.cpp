@@ -68,6 +68,16 @@ template <class Lane>
 struct Of;
 template <>
 struct Of<uint8_t> {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  static STEREOPSIS_INLINE Vec broadcast(__m128i v) { return _mm512_broadcastb_epi8(v); }
+#else
+  static STEREOPSIS_INLINE Vec broadcast(__m128i v) { return _mm256_broadcastb_epi8(v); }
+#endif
+  static STEREOPSIS_INLINE Vec broadcast(const void* p) {
+    uint8_t v;
+    std::memcpy(&v, p, sizeof v);
+    return broadcast(_mm_cvtsi32_si128(v));
+  }
   static STEREOPSIS_INLINE Vec set(uint8_t v) { return STEREOPSIS_V(set1_epi8)(static_cast<char>(v)); }
   static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu8)(a, b); }
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi8)(a, b); }
@@ -82,6 +92,16 @@ struct Of<uint8_t> {
 };
 template <>
 struct Of<uint16_t> {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  static STEREOPSIS_INLINE Vec broadcast(__m128i v) { return _mm512_broadcastw_epi16(v); }
+#else
+  static STEREOPSIS_INLINE Vec broadcast(__m128i v) { return _mm256_broadcastw_epi16(v); }
+#endif
+  static STEREOPSIS_INLINE Vec broadcast(const void* p) {
+    uint16_t v;
+    std::memcpy(&v, p, sizeof v);
+    return broadcast(_mm_cvtsi32_si128(v));
+  }
   static STEREOPSIS_INLINE Vec set(uint16_t v) { return STEREOPSIS_V(set1_epi16)(static_cast<short>(v)); }
   static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu16)(a, b); }
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi16)(a, b); }
@@ -116,21 +136,6 @@ static STEREOPSIS_INLINE __m128i leasts(const Vec* v) {
   const __m128i lo = _mm256_castsi256_si128(half), hi = _mm256_extracti128_si256(half, 1);
   return L::least_of_word(sizeof(Lane) == 1 ? _mm_min_epu8(lo, hi) : _mm_min_epu16(lo, hi));
 }
-static STEREOPSIS_INLINE Vec broadcast_lane(__m128i v, uint8_t) {
-#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
-  return _mm512_broadcastb_epi8(v);
-#else
-  return _mm256_broadcastb_epi8(v);
-#endif
-}
-static STEREOPSIS_INLINE Vec broadcast_lane(__m128i v, uint16_t) {
-#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
-  return _mm512_broadcastw_epi16(v);
-#else
-  return _mm256_broadcastw_epi16(v);
-#endif
-}
-
 // Adds the paths' costs to the sums.
 template <int N>
 static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint16_t* sums, uint8_t) {
@@ -162,43 +167,44 @@ static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint1
 }
 
 // N paths, the last of them along the row where Along. Vectors: of a pixel's candidates, or 0 where only `row` knows.
-template <class Lane, int N, bool Along, int Vectors>
-static void paths_of(const PathRow<Lane>& row) {
+// Guided: P2 differs from pixel to pixel.
+template <class Lane, int N, bool Along, int Vectors, bool Guided>
+static void paths_of(const PathRow<Lane>& given) {
   using L = Of<Lane>;
   constexpr int lanes = kBytes / sizeof(Lane), above = N - (Along ? 1 : 0);
-  const size_t room = row.room;
+  const PathRow<Lane> row = given;  // so that nothing that is stored can change it
+  const ptrdiff_t room = static_cast<ptrdiff_t>(row.room);
   const int vectors = Vectors ? Vectors : (row.count + lanes - 1) / lanes;
-  const Vec p1 = L::set(row.first);
+  const Vec p1 = L::set(row.first), p2 = L::set(row.second[0][0]);
   // All ones beyond the first candidate, and beyond the last.
   alignas(64) Lane edge[2 * lanes] = {};
   edge[0] = static_cast<Lane>(~Lane{0});
   edge[2 * lanes - 1] = static_cast<Lane>(~Lane{0});
   const Vec before_first = load(edge), after_last = load(edge + lanes), all_ones = L::set(static_cast<Lane>(~Lane{0}));
   const Vec no_candidate = load(row.no_candidate + (vectors - 1) * lanes);
-  Lane* line = row.line;
-  for (size_t i = 0; i < room; ++i) line[i] = row.no_candidate[i];
+  Lane* const line = row.line;
+  std::memcpy(line, row.no_candidate, row.room * sizeof(Lane));
   Vec line_least = zero();
-  int x = row.step > 0 ? 0 : row.width - 1;
+  ptrdiff_t x = row.step > 0 ? 0 : row.width - 1;
   for (int n = 0; n < row.width; ++n, x += row.step) {
-    const Lane* costs = row.costs + x * room;
-    const uint16_t* sums_before = row.sums_before ? row.sums_before + x * room : nullptr;
-    uint16_t* sums = row.sums + x * room;
+    const ptrdiff_t at = x * room;
+    const Lane* const costs = row.costs + at;
     Vec least[N], limit[N], lowest[4] = {all_ones, all_ones, all_ones, all_ones};
     const Lane* from[N];
     Lane* to[N];
-    for (int k = 0; k < above; ++k) {
-      from[k] = row.from[k] + x * static_cast<ptrdiff_t>(room);
-      to[k] = row.to[k] + x * static_cast<ptrdiff_t>(room);
-      least[k] = L::set(static_cast<Lane>(row.least[k][x * kPathsAtOnce]));
-      limit[k] = L::add(least[k], L::set(row.second[k][x]));
-    }
+    unrolled<above>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+      from[k] = row.from[k] + at;
+      to[k] = row.to[k] + at;
+      least[k] = L::broadcast(row.least[k] + x * kPathsAtOnce);
+      limit[k] = L::add(least[k], Guided ? L::broadcast(row.second[k] + x) : p2);
+    });
     if constexpr (Along) {
       least[N - 1] = line_least;
-      limit[N - 1] = L::add(line_least, L::set(row.second[N - 1][x]));
+      limit[N - 1] = L::add(line_least, Guided ? L::broadcast(row.second[N - 1] + x) : p2);
     }
     Vec along_before = all_ones, along = load(line);
     const auto block = [&](int v) STEREOPSIS_INLINE_LAMBDA {
-      const int i = v * lanes;
+      const ptrdiff_t i = static_cast<ptrdiff_t>(v) * lanes;
       const bool is_first = v == 0, is_last = v == vectors - 1;
       const Vec cost = load(costs + i);
       Vec t[N];
@@ -229,7 +235,10 @@ static void paths_of(const PathRow<Lane>& row) {
         else
           store(to[k] + i, a);
       });
-      add_up<N>(t, sums_before ? sums_before + i : nullptr, sums + i, Lane{});
+      if (row.sums_before)
+        add_up<N>(t, row.sums_before + at + i, row.sums + at + i, Lane{});
+      else if (row.sums)
+        add_up<N>(t, nullptr, row.sums + at + i, Lane{});
     };
     if constexpr (Vectors > 0)
       unrolled<Vectors>(block);
@@ -237,15 +246,19 @@ static void paths_of(const PathRow<Lane>& row) {
       for (int v = 0; v < vectors; ++v) block(v);
     const __m128i found = leasts<Lane>(lowest);
     _mm_storeu_si128(reinterpret_cast<__m128i*>(row.least_to + x * kPathsAtOnce), found);
-    if constexpr (Along) line_least = broadcast_lane(_mm_srli_si128(found, 4 * (N - 1)), Lane{});
+    if constexpr (Along) line_least = L::broadcast(_mm_srli_si128(found, 4 * (N - 1)));
   }
 }
 
+template <class Lane, int N, bool Along, bool Guided>
+static void paths_guided(const PathRow<Lane>& row) {
+  constexpr int lanes = kBytes / sizeof(Lane);
+  if ((row.count + lanes - 1) / lanes == 128 / lanes) return paths_of<Lane, N, Along, 128 / lanes, Guided>(row);
+  paths_of<Lane, N, Along, 0, Guided>(row);
+}
 template <class Lane, int N, bool Along>
 static void paths_with(const PathRow<Lane>& row) {
-  constexpr int lanes = kBytes / sizeof(Lane);
-  if ((row.count + lanes - 1) / lanes == 128 / lanes) return paths_of<Lane, N, Along, 128 / lanes>(row);
-  paths_of<Lane, N, Along, 0>(row);
+  row.guided ? paths_guided<Lane, N, Along, true>(row) : paths_guided<Lane, N, Along, false>(row);
 }
 
 template <class Lane>
@@ -258,44 +271,72 @@ static void paths(const PathRow<Lane>& row) {
 
 // ---- costs -----------------------------------------------------------------------------------------------------------------
 //
-// Four bits of the strings at a time: the left pixel's say which table holds, for the right one's, how many differ.
+// A few bits of the strings at a time: eight, where there is an instruction that counts them; else four, of which the left
+// pixel's say which table holds, for the right one's, how many differ.
 
+#if defined(STEREOPSIS_BITALG)
+constexpr int kPart = 8;
+#else
+constexpr int kPart = 4;
 alignas(16) static const uint8_t kOnes[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
+#endif
 
-static void hamming(const HammingRow& row) {
-  const int quads = (row.bits + 3) / 4, last = row.width - 1;
+static void hamming(const HammingRow& given) {
+  const HammingRow row = given;
+  // Of the last word 8, 4 or 2 bytes: enough for 9 x 7, for 5 x 5 or 7 x 5 sparse, for 3 x 3 or a center-symmetric window.
+  const int rest = (row.bits - 1) % 64 + 1, bytes = rest > 32 ? 8 : rest > 16 ? 4 : 2;
+  const int parts = (row.bits - rest + 8 * bytes) / kPart, last = row.width - 1;
   const size_t reach = row.width + 2 * row.room + kSgmBlock;
-  uint8_t* planes = row.scratch;
-  for (int q = 0; q < quads; ++q) {
-    const uint64_t* from = row.right + (q / 16) * row.plane;
-    const int shift = 4 * (q % 16);
-    uint8_t* plane = planes + q * reach;
-    const auto bits = [&](int x) { return static_cast<uint8_t>(from[x] >> shift & 15); };
-    std::memset(plane, bits(last), row.room);
-    uint8_t* there = plane + row.room;
-    for (int x = 0; x <= last; ++x) there[last - x] = bits(x);
-    std::memset(there + row.width, bits(0), reach - row.room - row.width);
+  // The parts of the right strings, from right to left, each in a plane of its own.
+  uint64_t* STEREOPSIS_RESTRICT strings = reinterpret_cast<uint64_t*>(row.scratch);
+  uint8_t* const planes = row.scratch + 8 * reach;
+  for (int q = 0; q < parts; ++q) {
+    const int shift = kPart * q % 64;
+    if (shift == 0) {
+      const uint64_t* STEREOPSIS_RESTRICT from = row.right + (kPart * q / 64) * row.plane;
+      for (size_t t = 0; t < row.room; ++t) strings[t] = from[last];
+      for (int x = 0; x <= last; ++x) strings[row.room + x] = from[last - x];
+      for (size_t t = row.room + row.width; t < reach; ++t) strings[t] = from[0];
+    }
+    uint8_t* STEREOPSIS_RESTRICT plane = planes + q * reach;
+    for (size_t t = 0; t < reach; ++t) plane[t] = static_cast<uint8_t>(strings[t] >> shift & ((1 << kPart) - 1));
   }
+#if !defined(STEREOPSIS_BITALG)
   alignas(16) uint8_t tables[16][16];
   for (int l = 0; l < 16; ++l)
     for (int r = 0; r < 16; ++r) tables[l][r] = kOnes[l ^ r];
+#endif
   uint8_t* costs = row.costs;
-  for (int column = -row.margin; column < row.width + row.margin; ++column) {
+  for (int column = -row.margin; column < row.width + row.margin; ++column, costs += row.room) {
     const int x = static_cast<int>(clamp(column, 0, last));
     const ptrdiff_t at = ptrdiff_t{last} - column + row.first + (row.shift ? row.shift[x] : 0) + static_cast<ptrdiff_t>(row.room);
     const uint8_t* right = planes + clamp(at, 0, row.width + static_cast<ptrdiff_t>(row.room));
-    const uint64_t* left = row.left + x;
-    for (size_t i = 0; i < row.room; i += kBytes) {
-      Vec sum = zero();
-      uint64_t string = 0;
-      for (int q = 0; q < quads; ++q) {
-        string = q % 16 == 0 ? left[(q / 16) * row.plane] : string >> 4;
-        sum = STEREOPSIS_V(add_epi8)(
-            sum, STEREOPSIS_V(shuffle_epi8)(table_of(tables[string & 15]), load(right + q * reach + i)));
-      }
-      store(costs + i, sum);
+    // A word of 64 bits after the other.
+    for (int begin = 0; begin < parts; begin += 64 / kPart, right += 64 / kPart * reach) {
+      const uint64_t string = row.left[(kPart * begin / 64) * row.plane + x];
+      const auto word = [&](auto count) STEREOPSIS_INLINE_LAMBDA {
+        for (size_t i = 0; i < row.room; i += kBytes) {
+          Vec sum = begin ? load(costs + i) : zero();
+          unrolled<decltype(count)::value>([&](auto q) STEREOPSIS_INLINE_LAMBDA {
+            const uint64_t part = string >> (kPart * q);
+            const Vec there = load(right + q * reach + i);
+#if defined(STEREOPSIS_BITALG)
+            const Vec differing = _mm512_popcnt_epi8(_mm512_xor_si512(_mm512_set1_epi8(static_cast<char>(part)), there));
+#else
+            const Vec differing = STEREOPSIS_V(shuffle_epi8)(table_of(tables[part & 15]), there);
+#endif
+            sum = STEREOPSIS_V(add_epi8)(sum, differing);
+          });
+          store(costs + i, sum);
+        }
+      };
+      if (parts - begin >= 64 / kPart)
+        word(Constant<64 / kPart>{});
+      else if (bytes == 4)
+        word(Constant<32 / kPart>{});
+      else
+        word(Constant<16 / kPart>{});
     }
-    costs += row.room;
   }
 }
 
@@ -410,13 +451,13 @@ static void paths(const PathRow<Lane>& row) {
   int least = 0, x = row.step > 0 ? 0 : row.width - 1;
   for (int n = 0; n < row.width; ++n, x += row.step) {
     const ptrdiff_t at = static_cast<ptrdiff_t>(x) * room;
-    uint16_t* STEREOPSIS_RESTRICT sums = row.sums + at;
-    if (!row.sums_before)
+    uint16_t* STEREOPSIS_RESTRICT sums = row.sums ? row.sums + at : nullptr;
+    if (sums && !row.sums_before)
       for (int i = 0; i < room; ++i) sums[i] = 0;
-    else if (row.sums_before != row.sums)
+    else if (sums && row.sums_before != row.sums)
       for (int i = 0; i < room; ++i) sums[i] = row.sums_before[at + i];
     const auto add = [&](const Lane* STEREOPSIS_RESTRICT t) {
-      for (int i = 0; i < room; ++i) sums[i] = static_cast<uint16_t>(sums[i] + t[i]);
+      for (int i = 0; sums && i < room; ++i) sums[i] = static_cast<uint16_t>(sums[i] + t[i]);
     };
     for (int k = 0; k < row.above; ++k) {
       row.least_to[x * kPathsAtOnce + k] = step_path(row.from[k] + at, row.to[k] + at, row.costs + at, row.no_candidate, room,

@@ -26,6 +26,7 @@ from stereopsis.optimize import (
     energy,
 )
 from stereopsis.pipeline import estimate_disparities, match
+from stereopsis.pixelwise import Census
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.sparsification import Sparsification, sparsification
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
@@ -47,6 +48,7 @@ __all__ = [
     "BeliefPropagation",
     "Bilateral",
     "Calibration",
+    "Census",
     "Cross",
     "Disparities",
     "Expansion",

@@ -247,6 +247,17 @@ void bind_pixel_costs(nb::module_& m) {
   });
 }
 
+void bind_combine(nb::module_& m) {
+  m.def("combine", [](const Array<uint16_t, 3>& costs, const Array<const uint16_t, 3>& other, uint32_t factor,
+                      uint32_t other_factor, int threads) {
+    const int H = costs.shape(0), W = costs.shape(1), D = costs.shape(2);
+    require_shape(other, H, W, D);
+    run(threads, [&](const Workers& workers) {
+      combine(costs.data(), other.data(), H, static_cast<size_t>(W) * D, factor, other_factor, workers);
+    });
+  });
+}
+
 // The cost volume of a support, handed to `work` with everything that the kernels share.
 template <class Work>
 void support_volume(const Pixels& left, const Pixels& right, int first, int cost, int step, int disparity_step,
@@ -445,6 +456,7 @@ NB_MODULE(_core, m) {
   bind_pixel_costs<uint64_t>(m);
   bind_pixel_costs<uint8_t>(m);
   bind_pixel_costs<int16_t>(m);
+  bind_combine(m);
   bind_supports(m);
   bind_optimize<int64_t>(m);
   bind_optimize<uint16_t>(m);

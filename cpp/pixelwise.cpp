@@ -38,6 +38,20 @@ void census(const T* image, int height, int width, const CensusPoint* points, in
 template void census(const uint8_t*, int, int, const CensusPoint*, int, uint64_t*, const PixelwiseKernels&, const Workers&);
 template void census(const int32_t*, int, int, const CensusPoint*, int, uint64_t*, const PixelwiseKernels&, const Workers&);
 
+void combine(uint16_t* costs, const uint16_t* other, int rows, size_t in_row, uint32_t factor, uint32_t other_factor,
+             const Workers& workers) {
+  parallel_rows(rows, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      uint16_t* __restrict to = costs + y * in_row;
+      const uint16_t* __restrict from = other + y * in_row;
+      for (size_t i = 0; i < in_row; ++i) {
+        const uint32_t sum = (to[i] * factor + from[i] * other_factor + (1u << 15)) >> 16;
+        to[i] = to[i] == worst_cost<uint16_t>() ? to[i] : static_cast<uint16_t>(sum);
+      }
+    }
+  });
+}
+
 void pixel_costs(const PixelJob& job, const PixelwiseKernels& kernels, const Workers& workers) {
   parallel_rows(job.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     const Scratch scratch(kernels.scratch_bytes(job));

@@ -288,6 +288,13 @@ void rows(const PixelJob& job, int begin, int end, void* scratch, const Cancel& 
 // Eight comparisons make a byte, of so many pixels at a time.
 constexpr int kStretch = 256;
 
+// Apart from the loops around it, which the compiler would else weave into it instead of taking many pixels at once.
+template <class T>
+STEREOPSIS_NOINLINE static void compare(const T* STEREOPSIS_RESTRICT first, const T* STEREOPSIS_RESTRICT second, uint8_t bit,
+                                        int n, uint8_t* STEREOPSIS_RESTRICT bytes) {
+  for (int x = 0; x < n; ++x) bytes[x] = static_cast<uint8_t>(bytes[x] | (first[x] < second[x] ? bit : 0));
+}
+
 template <class T>
 void census(const CensusJob& job, int begin, int end, const Cancel& cancel) {
   const size_t plane = static_cast<size_t>(job.height) * job.width;
@@ -299,12 +306,9 @@ void census(const CensusJob& job, int begin, int end, const Cancel& cancel) {
       for (int group = 0; group < job.count; group += 8) {
         const int last = job.count < group + 8 ? job.count : group + 8;
         for (int x = 0; x < n; ++x) bytes[x] = 0;
-        for (int k = group; k < last; ++k) {
-          const T *STEREOPSIS_RESTRICT first = here + job.comparisons[k].first,
-                  *STEREOPSIS_RESTRICT second = here + job.comparisons[k].second;
-          const auto bit = static_cast<uint8_t>(1 << (k - group));
-          for (int x = 0; x < n; ++x) bytes[x] = static_cast<uint8_t>(bytes[x] | (first[x] < second[x] ? bit : 0));
-        }
+        for (int k = group; k < last; ++k)
+          compare(here + job.comparisons[k].first, here + job.comparisons[k].second, static_cast<uint8_t>(1 << (k - group)), n,
+                  bytes);
         uint64_t* STEREOPSIS_RESTRICT strings =
             job.strings + (group / 64) * plane + static_cast<size_t>(y) * job.width + x0;
         const int shift = group % 64;

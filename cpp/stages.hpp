@@ -49,6 +49,10 @@ struct CensusPoint {
 template <class T>
 void census(const T* image, int height, int width, const CensusPoint* points, int count, uint64_t* strings,
             const PixelwiseKernels& kernels, const Workers& workers);
+// costs = (costs * factor + other * other_factor) / 2^16, rounded; what is out of view stays so. Factors are such that neither
+// product, nor the sum, passes 2^31.
+void combine(uint16_t* costs, const uint16_t* other, int rows, size_t in_row, uint32_t factor, uint32_t other_factor,
+             const Workers& workers);
 void pixel_costs(const PixelJob& job, const PixelwiseKernels& kernels, const Workers& workers);
 
 // ---- cost, aggregate, score at once over supports beyond the box: mean costs, (H / step, W / step, D) ----------------

@@ -139,6 +139,14 @@ def pixel_costs(
     instructions: str,
     /,
 ) -> None: ...
+def combine(
+    costs: npt.NDArray[np.uint16],
+    other: npt.NDArray[np.uint16],
+    factor: int,
+    other_factor: int,
+    threads: int,
+    /,
+) -> None: ...
 def separable_costs(
     left: _I32,
     right: _I32,

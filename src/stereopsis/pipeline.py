@@ -18,6 +18,7 @@ from stereopsis import (
     aggregate,
     cost,
     fill,
+    information,
     noise,
     optimize,
     pixelwise,
@@ -385,8 +386,12 @@ def _volume(
     """Costs of the window, or of the support, for every candidate: (H, W, D)."""
     window, threads, sampling = chosen.cost.size, chosen.threads, _sampling(chosen)
     if isinstance(chosen.cost, pixelwise.Pixelwise) and kind == _kind(chosen):
+        tables = None
+        if pixelwise.needs_information(chosen.cost):
+            with _timed(timings, "information"):
+                tables = information.tables(*pixels[:2], seen, threads)
         with _timed(timings, "cost"):
-            return _sampled(pixelwise.volume(chosen.cost, *pixels[:2], seen, threads), sampling)
+            return _sampled(pixelwise.volume(chosen.cost, *pixels[:2], seen, threads, tables), sampling)
     if chosen.cost.support is not None:
         with _timed(timings, "weigh"):
             weighed: npt.NDArray[Any] = weigh.volume(

@@ -1,16 +1,21 @@
 """Costs of single pixels, summed over a box: whole numbers, in volumes of 16 bits.
 
 Each image alone says something of its pixels, its features; a candidate's cost compares the left pixel's with
-the right one's. Features go on past the image's edges by repeating those of the edge pixels, in both images. A
-candidate outside the right image costs `WORST`.
+the right one's. Features go on past an image's edges by repeating those of the edge pixels. A candidate
+outside the right image costs `WORST`.
+
+Census and rank compare pixels as they are. The other costs take 8 bits, the `levels`: of 8-bit images these
+are the pixels, of others what is left of ``pixel - least`` of both images once it is halved until it fits.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
+import numbers
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeAlias
@@ -26,6 +31,8 @@ WORST = 65535
 """Of a candidate outside the right image; every other cost is less."""
 CENSUS_SIDE = 11
 """Largest side of a census or rank window."""
+COMBINED = 4095
+"""The largest cost of a `Combined`."""
 BOX_SIDE = 127
 """Largest side of the box that costs are summed over."""
 PATTERNS = ("dense", "sparse", "symmetric")
@@ -56,35 +63,61 @@ class Pixelwise:
         return f"{name_of(self)}({','.join(texts)})"
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of all that a cost sees, in pixels."""
+        raise NotImplementedError
+
+    def largest(self, channels: int = 1) -> int:
+        """The largest cost of images with so many channels."""
+        raise NotImplementedError
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+
+class _Single(Pixelwise):
+    """A cost that is no combination of others."""
+
+    _box: ClassVar[str] = "window"
+    """The field that says over which box costs are summed."""
+
+    @property
     def box(self) -> tuple[int, int]:
         """Width and height of the box that a pixel's costs are summed over."""
-        raise NotImplementedError
+        return window_size(getattr(self, self._box))
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of all that a cost sees, in pixels."""
-        raise NotImplementedError
+        return self.box
 
     @property
     def most(self) -> int:
         """The largest cost of one pixel, in one channel."""
         raise NotImplementedError
 
-    @property
-    def largest(self) -> int:
-        """The largest cost, in one channel."""
-        return self.most * self.box[0] * self.box[1]
+    def largest(self, channels: int = 1) -> int:
+        """The largest cost of images with so many channels."""
+        return self.most * self.box[0] * self.box[1] * channels
 
-    def _check_largest(self, name: str) -> None:
-        if self.largest >= WORST:
+    def _check_box(self) -> None:
+        self._set(self._box, odd_box(getattr(self, self._box), self._box, BOX_SIDE))
+        if self.largest() >= WORST:
             raise ValueError(
-                f"{name} must be smaller: {self.box[0]} x {self.box[1]} costs of up to {self.most} "
-                f"sum to {self.largest}, and 16 bits hold up to {WORST - 1}"
+                f"{self._box} must be smaller: {self.box[0]} x {self.box[1]} costs of up to {self.most} "
+                f"sum to {self.largest()}, and 16 bits hold up to {WORST - 1}"
             )
+
+    def _check_whole(self, name: str, most: int) -> None:
+        value: Any = getattr(self, name)
+        whole = isinstance(value, numbers.Real) and not isinstance(value, bool) and value == value // 1
+        if not (whole and 1 <= value <= most):
+            raise ValueError(f"{name} must be a whole number from 1 to {most}, not {value!r}")
+        self._set(name, int(value))
 
 
 @dataclass(frozen=True)
-class Census(Pixelwise):
+class Census(_Single):
     r"""Census transform [1]_: in how many comparisons of a pixel with its neighbours the two images disagree.
 
     A pixel's bit string says of each comparison whether the first pixel is darker than the second. The cost
@@ -117,22 +150,17 @@ class Census(Pixelwise):
     window: Box = (9, 7)
     pattern: Literal["dense", "sparse", "symmetric"] = "dense"
     aggregation: Box = 1
+    _box: ClassVar[str] = "aggregation"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "window", odd_box(self.window, "window", CENSUS_SIDE))
-        object.__setattr__(self, "aggregation", odd_box(self.aggregation, "aggregation", BOX_SIDE))
+        self._set("window", odd_box(self.window, "window", CENSUS_SIDE))
         if self.pattern not in PATTERNS:
             raise ValueError(f"pattern must be one of {', '.join(PATTERNS)}, not {self.pattern!r}")
         if not self.most:
             raise ValueError(
                 f"window must hold a neighbour to compare with, not {self.window!r} ({self.pattern})"
             )
-        self._check_largest("aggregation")
-
-    @property
-    def box(self) -> tuple[int, int]:
-        """Width and height of the box that a pixel's costs are summed over."""
-        return window_size(self.aggregation)
+        self._check_box()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -163,8 +191,218 @@ class Census(Pixelwise):
         return np.array(pairs, np.int32).reshape(-1, 2, 2)
 
 
-PixelCost: TypeAlias = Census
-PIXEL_COSTS: Mapping[str, type[PixelCost]] = MappingProxyType({"census": Census})
+@dataclass(frozen=True)
+class Rank(_Single):
+    """Rank transform [1]_: how many neighbours are darker than the pixel; the difference of both counts.
+
+    Attributes
+    ----------
+    window : int or (int, int)
+        Odd sides of up to 11 pixels.
+    aggregation : int or (int, int)
+        Odd sides of the box over which costs are summed.
+
+    References
+    ----------
+    .. [1] R. Zabih, J. Woodfill, Non-parametric local transforms for computing visual correspondence,
+       ECCV 1994, doi:10.1007/BFb0028345.
+    """
+
+    window: Box = (9, 7)
+    aggregation: Box = 9
+    _box: ClassVar[str] = "aggregation"
+
+    def __post_init__(self) -> None:
+        self._set("window", odd_box(self.window, "window", CENSUS_SIDE))
+        if self.window == 1:
+            raise ValueError(f"window must hold a neighbour to compare with, not {self.window!r}")
+        self._check_box()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of all that a cost sees, in pixels."""
+        return _widened(self.window, self.box)
+
+    @property
+    def most(self) -> int:
+        """The number of neighbours."""
+        width, height = window_size(self.window)
+        return width * height - 1
+
+
+@dataclass(frozen=True)
+class Gradient(_Single):
+    r"""Difference of gradients: :math:`\min(|\Delta g_x| + |\Delta g_y|, \tau)`, blind to an offset [1]_.
+
+    :math:`g_x = I(x + 1, y) - I(x - 1, y)`, and :math:`g_y` likewise, in `levels`.
+
+    Attributes
+    ----------
+    window : int or (int, int)
+        Odd sides of the box over which costs are summed.
+    truncation : int
+        The largest cost of a pixel, from 1 to 255.
+
+    References
+    ----------
+    .. [1] D. Scharstein, Matching images by comparing their gradient fields, ICPR 1994,
+       doi:10.1109/ICPR.1994.576363.
+    """
+
+    window: Box = 9
+    truncation: int = 30
+
+    def __post_init__(self) -> None:
+        self._check_whole("truncation", 255)
+        self._check_box()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of all that a cost sees, in pixels."""
+        return _widened(3, self.box)
+
+    @property
+    def most(self) -> int:
+        """The truncation."""
+        return self.truncation
+
+
+@dataclass(frozen=True)
+class BirchfieldTomasi(_Single):
+    r"""Birchfield and Tomasi's sampling-insensitive difference, truncated [1]_, in half `levels`.
+
+    How far a pixel lies outside the values that the other image takes within half a pixel of its match, with
+    straight lines between pixels; of both ways round the smaller.
+
+    Attributes
+    ----------
+    window : int or (int, int)
+        Odd sides of the box over which costs are summed.
+    truncation : int
+        The largest difference, from 1 to 127 levels.
+
+    References
+    ----------
+    .. [1] S. Birchfield, C. Tomasi, A pixel dissimilarity measure that is insensitive to image sampling,
+       IEEE TPAMI 20(4), 1998, doi:10.1109/34.677269.
+    """
+
+    window: Box = 9
+    truncation: int = 31
+
+    def __post_init__(self) -> None:
+        self._check_whole("truncation", 127)
+        self._check_box()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of all that a cost sees, in pixels."""
+        return _widened((3, 1), self.box)
+
+    @property
+    def most(self) -> int:
+        """Twice the truncation."""
+        return 2 * self.truncation
+
+
+@dataclass(frozen=True)
+class MutualInformation(_Single):
+    r"""How little a pair of grey levels tells of each other, learnt from the pair of images itself [1]_.
+
+    With :math:`P` the share of matched pixels that have these levels, in a first map, and :math:`g` a 7 x 7
+    Gaussian of one level, the information is :math:`mi(i, k) = h_{12}(i, k) - h_1(i) - h_2(k)`,
+    :math:`h = g * \log(g * P)`. See `information`.
+
+    Attributes
+    ----------
+    window : int or (int, int)
+        Odd sides of the box over which costs are summed.
+
+    References
+    ----------
+    .. [1] H. Hirschmüller, Stereo processing by semiglobal matching and mutual information,
+       IEEE TPAMI 30(2), 2008, doi:10.1109/TPAMI.2007.1166.
+    """
+
+    window: Box = 9
+
+    def __post_init__(self) -> None:
+        self._check_box()
+
+    @property
+    def most(self) -> int:
+        """The largest entry that a table has."""
+        return 255
+
+
+@dataclass(frozen=True)
+class Combined(Pixelwise):
+    """A weighted mean of two costs, each as a fraction of its largest value, in units of 1 / 4095.
+
+    Attributes
+    ----------
+    a, b : Census, Rank, Gradient, BirchfieldTomasi, MutualInformation or Combined
+    weight_a, weight_b : float
+        Not negative; only their ratio counts.
+
+    Examples
+    --------
+    >>> import stereopsis as st
+    >>> cost = st.Combined(st.Census((9, 7)), 0.6, st.Gradient(3), 0.4)
+    """
+
+    a: PixelCost
+    weight_a: float
+    b: PixelCost
+    weight_b: float
+
+    def __post_init__(self) -> None:
+        for name in ("a", "b"):
+            part = getattr(self, name)
+            if not isinstance(part, Pixelwise):
+                known = ", ".join(kind.__name__ for kind in PIXEL_COSTS.values())
+                raise TypeError(f"{name} must be one of {known}, not {part!r}")
+        for name in ("weight_a", "weight_b"):
+            weight: Any = getattr(self, name)
+            number = isinstance(weight, numbers.Real) and not isinstance(weight, bool)
+            if not (number and 0 <= float(weight) < math.inf):
+                raise ValueError(f"{name} must be a number of at least 0, not {weight!r}")
+            self._set(name, float(weight))
+        if not 0 < self.weight_a + self.weight_b < math.inf:
+            raise ValueError("weight_a and weight_b must not both be 0, and have a sum")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of all that a cost sees, in pixels."""
+        (width, height), (other_width, other_height) = self.a.size, self.b.size
+        return max(width, other_width), max(height, other_height)
+
+    def largest(self, channels: int = 1) -> int:
+        """The largest cost of images with so many channels."""
+        if max(self.a.largest(channels), self.b.largest(channels)) >= WORST:
+            return WORST
+        return COMBINED
+
+    def factors(self, channels: int = 1) -> tuple[int, int]:
+        """What units of 2^-16 the parts' costs are multiplied by."""
+        total = self.weight_a + self.weight_b
+        return tuple(  # type: ignore[return-value]
+            int(2**16 * COMBINED * (weight / total) / part.largest(channels))
+            for part, weight in ((self.a, self.weight_a), (self.b, self.weight_b))
+        )
+
+
+PixelCost: TypeAlias = Census | Rank | Gradient | BirchfieldTomasi | MutualInformation | Combined
+PIXEL_COSTS: Mapping[str, type[PixelCost]] = MappingProxyType(
+    {
+        "census": Census,
+        "rank": Rank,
+        "gradient": Gradient,
+        "birchfield-tomasi": BirchfieldTomasi,
+        "mutual-information": MutualInformation,
+        "combined": Combined,
+    }
+)
 
 
 def name_of(cost: Any) -> str:
@@ -222,6 +460,8 @@ def _part(name: str, text: str) -> Any:
     match name:
         case "window" | "aggregation" | "pattern":
             return text
+        case "a" | "b":
+            return cost_of(text)
         case _:
             try:
                 return float(text)
@@ -262,62 +502,158 @@ def census(
     return strings
 
 
+def levels(
+    left: npt.NDArray[Any], right: npt.NDArray[Any]
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """8 bits of both images, (H, W, C) uint8 or int32: less their least pixel, and halved until all fit."""
+    if left.dtype == np.uint8:
+        return left, right
+    least = min(int(left.min()), int(right.min()))
+    halvings = max(0, (max(int(left.max()), int(right.max())) - least).bit_length() - 8)
+    first, second = ((image - np.int32(least) >> halvings).astype(np.uint8) for image in (left, right))
+    return first, second
+
+
+def needs_information(cost: Pixelwise) -> bool:
+    """Whether `volume` needs tables of information for this cost."""
+    if isinstance(cost, Combined):
+        return needs_information(cost.a) or needs_information(cost.b)
+    return isinstance(cost, MutualInformation)
+
+
 def volume(
     cost: PixelCost,
     left: npt.NDArray[Any],
     right: npt.NDArray[Any],
     disparities: Disparities,
     threads: int = 0,
+    tables: Sequence[npt.NDArray[np.uint8]] | None = None,
 ) -> Volume:
     """Costs of all candidates.
 
     Parameters
     ----------
-    cost : Census
+    cost : Census, Rank, Gradient, BirchfieldTomasi, MutualInformation or Combined
     left, right : ndarray of uint8 or int32, (H, W, C)
         The channels' costs are summed.
     disparities : Disparities
         D candidates.
     threads : int
+    tables : sequence of ndarray of uint8, (256, 256) each, optional
+        For `MutualInformation`: a channel's cost of each pair of a left and a right level.
 
     Returns
     -------
     ndarray of uint16, (H, W, D)
     """
+    channels = left.shape[2]
+    if isinstance(cost, Combined):
+        costs, other = (volume(part, left, right, disparities, threads, tables) for part in (cost.a, cost.b))
+        _core.combine(costs, other, *cost.factors(channels), threads)
+        return costs
+    if not isinstance(cost, Census | Rank):
+        left, right = levels(left, right)
     costs = np.empty((*left.shape[:2], disparities.span), np.uint16)
-    for channel in range(left.shape[2]):
-        match cost:
-            case Census():
-                strings = (census(image[..., channel], cost.comparisons, threads) for image in (left, right))
-                _sum(0, cost, tuple(strings), disparities, costs, channel > 0, threads)
+    for channel in range(channels):
+        table = None if tables is None else tables[channel]
+        features = [_features(cost, image[..., channel], threads) for image in (left, right)]
+        _core.pixel_costs(
+            _KINDS[type(cost)],
+            features[0],
+            features[1],
+            cost.most if isinstance(cost, Census) else 0,
+            disparities.min,
+            cost.most,
+            table if isinstance(cost, MutualInformation) else None,
+            *cost.box,
+            channel > 0,
+            costs,
+            threads,
+            os.environ.get(ENVIRONMENT, ""),
+        )
     return costs
 
 
-def _sum(
-    kind: int,
-    cost: PixelCost,
-    features: tuple[npt.NDArray[Any], ...],
-    disparities: Disparities,
-    costs: Volume,
-    add: bool,
-    threads: int,
-    table: npt.NDArray[np.uint8] | None = None,
-) -> None:
-    """Costs of one channel's features into `costs`, or added to it; `kind` in the core's order."""
-    instructions = os.environ.get(ENVIRONMENT, "")
-    left, right = features
-    bits = cost.most if kind == 0 else 0
-    _core.pixel_costs(
-        kind,
-        left,
-        right,
-        bits,
-        disparities.min,
-        cost.most,
-        table,
-        *cost.box,
-        add,
-        costs,
-        threads,
-        instructions,
-    )
+_KINDS: Mapping[type[PixelCost], int] = MappingProxyType(
+    {Census: 0, Rank: 1, Gradient: 2, BirchfieldTomasi: 3, MutualInformation: 4}
+)
+"""In the core's order."""
+
+
+def _features(cost: PixelCost, image: npt.NDArray[Any], threads: int) -> npt.NDArray[Any]:
+    """What an image alone says of its pixels, (P, H, W), as the core compares it."""
+    match cost:
+        case Census():
+            return census(image, cost.comparisons, threads)
+        case Rank(window=window):
+            strings = census(image, Census(window).comparisons, threads)
+            bytes_of = strings.view(np.uint8).reshape(*strings.shape, 8)
+            counts: npt.NDArray[np.uint8] = _BITS[bytes_of].sum(axis=(0, 3), dtype=np.uint8)
+            return counts[None]
+        case Gradient():
+            wide = np.pad(image.astype(np.int16), 1, mode="edge")
+            return np.stack([wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]])
+        case BirchfieldTomasi():
+            wide = np.pad(image.astype(np.int16), ((0, 0), (1, 1)), mode="edge")
+            here = wide[:, 1:-1]
+            around = 2 * here, here + wide[:, :-2], here + wide[:, 2:]
+            return np.stack([around[0], np.minimum.reduce(around), np.maximum.reduce(around)])
+        case _:
+            return np.ascontiguousarray(image)[None]
+
+
+_BITS = np.array([byte.bit_count() for byte in range(256)], np.uint8)
+
+
+def information(
+    left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8], disparity: npt.NDArray[np.float32]
+) -> npt.NDArray[np.uint8]:
+    r"""What pairs of levels cost, from the pairs that a map matches.
+
+    ``cost = min(255, round(16 (max mi - mi)))`` with the information mi in nats: see `MutualInformation`.
+    Shares below 1e-7 count as that. Where nothing is matched, levels cost their difference.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8, (H, W)
+        One channel's levels.
+    disparity : ndarray of float32, (H, W)
+        NaN where nothing is known. The match is the nearest column.
+
+    Returns
+    -------
+    ndarray of uint8, (256, 256)
+        By left and right level.
+    """
+    y, x = np.nonzero(np.isfinite(disparity))
+    match = np.rint(x - disparity[y, x]).astype(np.int64)
+    inside = (match >= 0) & (match < disparity.shape[1])
+    y, x, match = y[inside], x[inside], match[inside]
+    if not y.size:
+        level = np.arange(256)
+        return abs(level[:, None] - level).astype(np.uint8)
+    pairs = left[y, x].astype(np.int64) * 256 + right[y, match]
+    share = np.bincount(pairs, minlength=256 * 256).reshape(256, 256) / y.size
+    alone = (_log_smoothed(share.sum(axis=axis), (0,)) for axis in (1, 0))
+    from_left, from_right = alone
+    mutual = _log_smoothed(share, (0, 1)) - from_left[:, None] - from_right
+    costs: npt.NDArray[np.uint8] = np.minimum(np.rint(16 * (mutual.max() - mutual)), 255).astype(np.uint8)
+    return costs
+
+
+def _log_smoothed(share: npt.NDArray[np.float64], axes: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """``g * log(g * share)``, levels beyond 0 and 255 being like these."""
+
+    def smoothed(of: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        for axis in axes:
+            at = np.arange(of.shape[axis])
+            of = sum(
+                weight * of.take((at + step).clip(0, 255), axis)
+                for step, weight in enumerate(_GAUSSIAN, start=-3)
+            )
+        return of
+
+    return smoothed(np.log(np.maximum(smoothed(share), 1e-7)))
+
+
+_GAUSSIAN = np.exp(-0.5 * np.arange(-3, 4) ** 2) / np.exp(-0.5 * np.arange(-3, 4) ** 2).sum()

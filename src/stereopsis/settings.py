@@ -137,8 +137,9 @@ class Settings:
     ----------
     disparities : Disparities or None
         Candidates, like Python's ``range``: the maximum is excluded. None: estimated from the images.
-    cost : SAD, SSD, ZSAD, ZSSD, NCC, ZNCC or Census
-        Matching cost and its support window.
+    cost : SAD, SSD, ZSAD, ZSSD, NCC, ZNCC, or a cost of pixels
+        Matching cost and its support window. Costs of pixels: Census, Rank, Gradient, BirchfieldTomasi,
+        MutualInformation, Combined.
     channels : {"grey", "separate"}
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
@@ -268,7 +269,7 @@ class Settings:
         return (named(start) if start is not None else cls()).changed(**given)
 
     def changed(self, **changes: Any) -> Settings:
-        """A copy with other values: any field, the cost's `window` or `aggregation`, the `OPTIMIZER_PARTS`."""
+        """A copy with other values: any field, the cost's `window` or `aggregation`, `OPTIMIZER_PARTS`."""
         known = _NAMES
         for name in changes:
             if name not in known:
@@ -329,7 +330,7 @@ class Settings:
 def _cost_dict(cost: Any) -> dict[str, Any]:
     if not isinstance(cost, Pixelwise):
         return {"name": type(cost).__name__.lower(), "window": _window_value(cost)}
-    parts = {field.name: getattr(cost, field.name) for field in dataclasses.fields(cost)}
+    parts = {field.name: getattr(cost, field.name) for field in dataclasses.fields(cost)}  # type: ignore[arg-type]
     return {"name": name_of(cost)} | {
         name: _cost_dict(part)
         if isinstance(part, Pixelwise)
@@ -573,10 +574,10 @@ def _check_paths(settings: Settings) -> None:
                 f"cost must be one of {', '.join(COSTS)} with slant, extra_windows and upsample, "
                 f"not {name_of(settings.cost)}"
             )
-        if settings.channels == "separate" and 3 * settings.cost.largest >= WORST:
+        if settings.channels == "separate" and settings.cost.largest(channels=3) >= WORST:
             raise ValueError(
-                f"cost sums to {settings.cost.largest} in each of three channels, and 16 bits hold up to "
-                f"{WORST - 1}: its box must be smaller, or channels grey"
+                f"cost must sum to at most {WORST - 1} over three channels, which 16 bits hold, not "
+                f"{settings.cost!r}: its box must be smaller, or channels grey"
             )
     if settings.optimize is not None and sampled:
         raise ValueError("optimize must be None where step or disparity_step is more than 1")

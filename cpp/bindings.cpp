@@ -16,6 +16,7 @@
 
 #include "dispatch.hpp"
 #include "parallel.hpp"
+#include "planar.hpp"
 #include "sgm.hpp"
 #include "stages.hpp"
 
@@ -656,6 +657,18 @@ NB_MODULE(_core, m) {
     require(1 <= size && size <= 255, "size runs from 1 to 255");
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) { median(disparity.data(), H, W, size, out.data(), workers); });
+  });
+
+  m.def("planar", [](const Array<const float, 2>& disparity, int window_width, int window_height, float tolerance, int iterations,
+                     const Array<float, 2>& out, int threads, const std::string& instructions) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require(iterations >= 1, "iterations is at least 1");
+    require_shape(out, H, W);
+    const PlanarKernel& kernel = choose_planar(instructions);
+    const Window window = window_of(window_width, window_height);
+    run(threads, [&](const Workers& workers) {
+      planar(disparity.data(), H, W, window, tolerance, iterations, out.data(), kernel, workers);
+    });
   });
 
   m.def("align", [](const Pixels& left, const Pixels& right, int window_width, int window_height, int alignment, bool centred,

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from reference import refine as reference
-from stereopsis import refine
+from stereopsis import _core, _instructions, refine
 
 N, NONE = np.nan, np.iinfo(np.int64).max
 
@@ -159,3 +159,50 @@ def test_median_of_any_map(shape, size, invalid, threads, seed):
     filtered = refine.median(disparity, size, threads)
     np.testing.assert_allclose(filtered, reference.median(disparity, size), rtol=2e-7)
     np.testing.assert_array_equal(disparity, before)
+
+
+# ---- planar ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("instructions", _core.instruction_sets())
+@given(
+    shape=some.tuples(some.integers(1, 23), some.integers(1, 40)),
+    window=some.tuples(some.integers(1, 40), some.integers(1, 30)),
+    tolerance=some.sampled_from((0.5, 1.5, 4.0)),
+    iterations=some.integers(1, 4),
+    threads=some.sampled_from((1, 3)),
+    seed=some.integers(0, 2**32 - 1),
+)
+@settings(deadline=None, max_examples=25)
+def test_planar_is_its_definition_to_the_bit(
+    instructions, shape, window, tolerance, iterations, threads, seed
+):
+    random = np.random.default_rng(seed)
+    disparity = random.choice([0, 3, 40], shape) + random.normal(0, 1, shape)
+    disparity[random.random(shape) < random.choice([0, 0.3])] = np.nan
+    disparity = disparity.astype(np.float32)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(_instructions.ENVIRONMENT, instructions)
+        smooth = refine.planar(disparity, window, threads, tolerance=tolerance, iterations=iterations)
+    expected = reference.planar(disparity, window, tolerance, iterations)
+    np.testing.assert_array_equal(smooth, expected)
+
+
+def test_planes_stay_as_they_are_and_so_do_their_edges():
+    y, x = np.mgrid[:60, :80].astype(np.float32)
+    disparity = np.where(x < 40, 10 + 0.25 * y - 0.125 * x, 60 - 0.5 * y).astype(np.float32)
+    smooth = refine.planar(disparity, (21, 21), iterations=8)
+    np.testing.assert_allclose(smooth[5:-5, 5:-5], disparity[5:-5, 5:-5], atol=0.06)
+    assert (abs(np.diff(smooth[:20], axis=1)[:, 39]) > 40).all()
+
+
+def test_planar_takes_noise_off_a_slanted_surface():
+    random = np.random.default_rng(1)
+    y, x = np.mgrid[:80, :120].astype(np.float32)
+    surface = 20 + 0.3 * y
+    disparity = (surface + random.normal(0, 0.5, surface.shape)).astype(np.float32)
+    off = refine.planar(disparity, (25, 25)) - surface
+    assert np.sqrt(np.mean(off[12:-12, 12:-12] ** 2)) < 0.12
+    holes = disparity.copy()
+    holes[10, 7:30] = np.nan
+    assert (np.isnan(refine.planar(holes, (25, 25))) == np.isnan(holes)).all()

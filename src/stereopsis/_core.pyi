@@ -321,6 +321,17 @@ def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None:
 def flood(relief: _U8, out: _U8, /) -> None: ...
 def label(inside: _U8, out: _I32, /) -> int: ...
 def median(disparity: _F32, size: int, out: _F32, threads: int, /) -> None: ...
+def planar(
+    disparity: _F32,
+    window_width: int,
+    window_height: int,
+    tolerance: float,
+    iterations: int,
+    out: _F32,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
 def align(
     left: _I32,
     right: _I32,

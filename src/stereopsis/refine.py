@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.types import DisparityMap
 
 
@@ -283,3 +283,53 @@ def median(disparity: DisparityMap, size: int, threads: int = 0) -> DisparityMap
     filtered = np.empty(disparity.shape, np.float32)
     _core.median(np.ascontiguousarray(disparity), size, filtered, threads)
     return filtered
+
+
+PLANAR_TOLERANCE = 1.5
+"""How far off a plane a pixel may lie to count as on it, in pixels of disparity."""
+PLANAR_ITERATIONS = 3
+
+
+def planar(
+    disparity: DisparityMap,
+    window: tuple[int, int],
+    threads: int = 0,
+    *,
+    tolerance: float = PLANAR_TOLERANCE,
+    iterations: int = PLANAR_ITERATIONS,
+) -> DisparityMap:
+    r"""Draw each pixel to the plane that its surroundings lie on.
+
+    .. math:: \min_{d, a, b} \sum_q \min\left((D_q - d - a u_q - b v_q)^2, \tau^2\right)
+
+    over the window's pixels :math:`q` at :math:`(u, v)` from its centre; the answer is :math:`d`. From the
+    pixel as it is and no slope, each step fits a plane by least squares to what lies within :math:`\tau` of the
+    last one, so an outline stays where it is, and a slanted surface slanted. That is a mean shift [1]_ of planes.
+    Of the window every few pixels count, at most 9 columns and 7 rows.
+
+    Parameters
+    ----------
+    disparity : ndarray of float32, (H, W)
+        NaN where invalid: stays so, and does not count.
+    window : (width, height)
+        In pixels; an even one is taken a pixel smaller. At borders what lies inside the map counts.
+    threads : int
+        0: all cores. Never changes a result.
+    tolerance : float
+        :math:`\tau`, in pixels of disparity.
+    iterations : int
+        How many steps.
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+
+    References
+    ----------
+    .. [1] D. Comaniciu, P. Meer, Mean shift: a robust approach toward feature space analysis, IEEE TPAMI 24(5),
+       2002, doi:10.1109/34.1000236.
+    """
+    smooth = np.empty(disparity.shape, np.float32)
+    source = np.ascontiguousarray(disparity)
+    _core.planar(source, *window, tolerance, iterations, smooth, threads, _instructions.forced())
+    return smooth

@@ -30,3 +30,42 @@ def median(disparity, size):
             disparity[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1].astype(np.float64)
         )
     return filtered
+
+
+def planar(disparity, window, tolerance, iterations):
+    """In the order and the float32 that the kernel has: where a pixel is all but on the limit, either is right."""
+    one = np.float32
+    height, width = disparity.shape
+    samples = []
+    for size, most in zip(window, (9, 7), strict=True):
+        reach = (size - 1) // 2
+        step = max(1, math.ceil(2 * reach / (most - 1)))
+        samples.append(range(-(reach // step) * step, reach + 1, step))
+    at, a, b = disparity.copy(), np.zeros_like(disparity), np.zeros_like(disparity)
+    for _ in range(iterations):
+        sums = np.zeros((9, height, width), one)
+        for v in samples[1]:
+            for u in samples[0]:
+                moved = np.full_like(disparity, np.nan)
+                ys, xs = (slice(max(0, -k), max(0, n - max(0, k))) for k, n in ((v, height), (u, width)))
+                yt, xt = (slice(max(0, k), max(0, n + min(0, k))) for k, n in ((v, height), (u, width)))
+                moved[ys, xs] = disparity[yt, xt]
+                z = moved - at
+                on = np.abs(z - (a * one(u) + b * one(v))) < one(tolerance)
+                z = np.where(on, z, one(0))
+                count = on.astype(one)
+                for k, term in enumerate((1, u, v, u * u, u * v, v * v)):
+                    sums[k] += count * one(term)
+                for k, term in enumerate((1, u, v)):
+                    sums[6 + k] += z * one(term)
+        n = np.maximum(sums[0], one(1))
+        x, y, xx, xy, yy, z, zx, zy = sums[1:] / n
+        xx, yy, xy = xx - x * x + one(0.25), yy - y * y + one(0.25), xy - x * y
+        zx, zy = zx - x * z, zy - y * z
+        det = xx * yy - xy * xy
+        enough = (sums[0] >= 6) & (det > 0)
+        scale = np.where(enough, one(1) / np.where(enough, det, one(1)), one(0))
+        slope, slant = (zx * yy - zy * xy) * scale, (zy * xx - zx * xy) * scale
+        at = at + np.where(enough, z - (slope * x + slant * y), one(0))
+        a, b = np.where(enough, slope, a), np.where(enough, slant, b)
+    return at

@@ -1,0 +1,36 @@
+// Disparities drawn to the plane that their surroundings lie on.
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+namespace stereopsis {
+
+// Where a pixel's surroundings are looked at: columns and rows -reach, ..., -step, 0, step, ..., reach from it.
+struct Samples {
+  int reach, step;
+};
+
+// One row. `around` is a map with a margin of NaN, `stride` from row to row, at the row's first pixel; it can be read for
+// kPlanarBlock pixels more than there are, as `start` can, and `out` written.
+struct PlanarRow {
+  const float* around;
+  ptrdiff_t stride;
+  int width;
+  Samples columns, rows;
+  float tolerance;
+  int iterations;
+  const float* start;
+  float* out;
+};
+constexpr int kPlanarBlock = 16;
+// With fewer samples on the plane than this a pixel stays as it is.
+constexpr int kFewestOnPlane = 6;
+
+struct PlanarKernel {
+  void (*row)(const PlanarRow&);
+};
+// The build that goes with the named instruction set, or with the best one for an empty name.
+const PlanarKernel& choose_planar(const std::string& name);
+
+}  // namespace stereopsis

@@ -81,7 +81,8 @@ def eight_bit(image: npt.NDArray[Any]) -> Bytes:
         return np.ascontiguousarray(image)
     low, high = np.quantile(image[::3, ::3], (0.005, 0.995))
     scaled = (image.astype(np.float64) - low) * (255 / max(high - low, 1.0))
-    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    stretched: Bytes = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    return stretched
 
 
 def halved(image: Bytes) -> Bytes:

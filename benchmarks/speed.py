@@ -4,9 +4,9 @@
     python benchmarks/speed.py LEFT RIGHT             # a pair of your own
     python benchmarks/speed.py --repeats 41
 
-Each line times two things in turn, A B A B ..., and prints the median of the ratios A / B with their
-quartiles. OpenCV is held to one thread. A machine shared with others disturbs single times more than ratios
-of neighbours.
+``stereopsis bench speed`` times presets; this looks at the core beneath them, its memory and its floors. Each
+line times two things in turn, A B A B ..., and prints the median of the ratios A / B with their quartiles. OpenCV
+is held to one thread. A machine shared with others disturbs single times more than ratios of neighbours.
 """
 
 from __future__ import annotations
@@ -18,13 +18,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import argparse
-import platform
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -32,6 +29,7 @@ import numpy.typing as npt
 
 import stereopsis as st
 from stereopsis import _fused
+from stereopsis.bench.speed import Task, in_turns, machine, ratios
 
 DISPARITIES = (0, 128)
 LARGE = (3072, 4096, 512)
@@ -40,27 +38,12 @@ LARGE = (3072, 4096, 512)
 OPERATIONS = {"ZNCC 31": 9, "SSD 21": 8, "SAD 21": 10}
 """Vector operations a candidate in the innermost loop of fused_narrow.hpp, with four-byte multiply-adds."""
 
-Task = Callable[[], object]
 
-
-@dataclass(frozen=True)
-class Ratio:
-    """Quotients of paired times, and the medians of the times in seconds."""
-
-    quotients: list[float]
-    first: float
-    second: float
-
-    def text(self) -> str:
-        low, middle, high = statistics.quantiles(self.quotients, n=4)
-        times = f"{1e3 * self.first:.1f} ÷ {1e3 * self.second:.1f} ms"
-        return f"{middle:.2f} | {low:.2f} to {high:.2f} | {times}"
-
-
-def paired(first: Task, second: Task, repeats: int) -> Ratio:
-    first(), second()
-    times = [(_seconds(first), _seconds(second)) for _ in range(repeats)]
-    return Ratio([a / b for a, b in times], *(statistics.median(side) for side in zip(*times, strict=True)))
+def paired(first: Task, second: Task, repeats: int) -> str:
+    """Median and quartiles of the ratio, and the medians of both times."""
+    times = in_turns([first, second], repeats)
+    ratio, (a, b) = ratios(*times), (1e3 * statistics.median(side) for side in times)
+    return f"{ratio.median:.2f} | {ratio.low:.2f} to {ratio.high:.2f} | {a:.1f} ÷ {b:.1f} ms"
 
 
 def _seconds(task: Task) -> float:
@@ -84,14 +67,17 @@ def peak_memory() -> float:
     """MiB that a match at `LARGE` takes beyond its inputs and outputs, in a process of its own."""
     rows, columns, count = LARGE
     script = f"""
-import resource, numpy as np, stereopsis as st
+import re, numpy as np, stereopsis as st
+from pathlib import Path
+def peak():  # of this program: the system's own count goes on from the one that started it
+    return int(re.search(r'VmHWM:\\s+(\\d+)', Path('/proc/self/status').read_text())[1])
 rng = np.random.default_rng(0)
 left = rng.integers(0, 256, ({rows}, {columns}), dtype=np.uint8)
 right = np.roll(left, -7, axis=1)
 st.match(left[:40, :600], right[:40, :600], disparities=(0, 8), cost=st.ZNCC(window=31), threads=1)
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = peak()
 result = st.match(left, right, disparities=(0, {count}), cost=st.ZNCC(window=31), threads=1)
-after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+after = peak()
 outputs = result.disparity.nbytes + result.confidence.nbytes + result.flags.nbytes
 print((after - before) / 1024 - outputs / 2**20)
 """
@@ -121,22 +107,6 @@ def copy_rate(elements: int) -> float:
     """Four-byte elements a second, read and written, in a working set of the window sums' size."""
     source, target = np.ones(elements, np.int32), np.ones(elements, np.int32)
     return elements / min(_seconds(lambda: np.copyto(target, source)) for _ in range(200))
-
-
-def machine() -> list[str]:
-    model = platform.processor() or platform.machine()
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:  # noqa: PTH123  (not there on every system)
-            model = next(
-                (line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), model
-            )
-    except OSError:
-        pass
-    return [
-        f"{model}, {os.cpu_count()} cores; instruction sets {', '.join(_fused.instruction_sets())}",
-        f"stereopsis {st.__version__}, OpenCV {cv2.__version__}, NumPy {np.__version__}, "
-        f"Python {platform.python_version()}, {platform.system()}",
-    ]
 
 
 def load(paths: list[str]) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8], str]:
@@ -194,7 +164,7 @@ def main() -> None:
         "| what | wanted at most | median ratio | quartiles | medians |\n| --- | ---: | ---: | ---: | ---: |"
     )
     for name, bound, first, second in lines:
-        print(f"| {name} | {bound} | {paired(first, second, repeats).text()} |", flush=True)
+        print(f"| {name} | {bound} | {paired(first, second, repeats)} |", flush=True)
     print(f"| import stereopsis over import numpy, s | 0.2 | {import_time(5):.3f} | | |")
     if sys.platform == "linux":
         height, width, count = LARGE

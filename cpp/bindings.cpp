@@ -479,6 +479,24 @@ void sgm_match(const Array<const uint64_t, 3>& left, const Array<const uint64_t,
   run(threads, [&](const Workers& workers) { sgm_census(pair, costs, settings, select, out, kernels, workers); });
 }
 
+template <class T>
+void bind_move_rows(nb::module_& m) {
+  m.def("move_rows", [](const Array<const T, 3>& image, std::tuple<double, double, double> offset, T lowest, T highest,
+                        const Array<T, 3>& moved, int threads) {
+    const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
+    require(C == 1 || C == 3, "one channel or three");
+    require_shape(moved, H, W, C);
+    run(threads, [&](const Workers& workers) {
+      move_rows<T>(image.data(), H, W, C, plane_of(offset), lowest, highest, moved.data(), workers);
+    });
+  });
+}
+
+HalfWindow half_window_of(int x, int y) {
+  require(1 <= x && x <= 127 && 1 <= y && y <= 127, "a window reaches from 1 to 127 pixels");
+  return {x, y};
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -593,6 +611,33 @@ NB_MODULE(_core, m) {
 
   bind_warp<uint8_t>(m);
   bind_warp<int32_t>(m);
+
+  bind_move_rows<uint8_t>(m);
+  bind_move_rows<int32_t>(m);
+
+  m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach_x, int reach_y, double least,
+                      const Array<int32_t, 3>& found, int threads) {
+    const int H = image.shape(0), W = image.shape(1);
+    const HalfWindow reach = half_window_of(reach_x, reach_y);
+    require(tile > 0 && stride > 0, "tile and stride are at least 1");
+    require_shape(found, H / tile, W / tile, 2);
+    run(threads, [&](const Workers& workers) { corners(image.data(), H, W, tile, stride, reach, least, found.data(), workers); });
+  });
+
+  m.def("track", [](const Array<const uint8_t, 2>& left, const Array<const uint8_t, 2>& right,
+                    const Array<const int32_t, 2>& points, int reach_x, int reach_y, int iterations,
+                    const Array<double, 2>& motion, const Array<double, 1>& correlation, int threads) {
+    const int H = left.shape(0), W = left.shape(1), count = points.shape(0);
+    const HalfWindow reach = half_window_of(reach_x, reach_y);
+    require_shape(right, H, W);
+    require_shape(points, count, 2);
+    require_shape(motion, count, 2);
+    require_shape(correlation, count);
+    run(threads, [&](const Workers& workers) {
+      track(left.data(), right.data(), H, W, points.data(), count, reach, iterations, motion.data(), correlation.data(),
+            workers);
+    });
+  });
 
   m.def("merge_pass", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
                          const Array<const float, 2>& cost, const Array<const uint8_t, 2>& flags, int kind,

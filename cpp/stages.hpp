@@ -168,6 +168,24 @@ void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best,
 void merge_window(const Hypothesis& other, CostKind kind, int height, int width, const Hypothesis& best, float* variance,
                   const Workers& workers);
 
+// ---- rectify: what the right image lies too low or too high ----------------------------------------------------------
+// Half the sides of a window of 2 x + 1 by 2 y + 1 pixels.
+struct HalfWindow {
+  int x, y;
+};
+// In each whole tile the column and row, every `stride` pixels, whose window has the largest smaller eigenvalue of its
+// summed products of gradients; of equal ones the first. -1, -1 where none exceeds `least`. `found` is (rows, columns, 2).
+void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
+             const Workers& workers);
+// Where points (x, y) of the left image went, in columns and rows: Lucas and Kanade's iterations from the motion that is
+// given, with each window's mean and gain removed. The correlation is NaN where a window leaves its image or is flat.
+void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
+           const HalfWindow& reach, int iterations, double* motion, double* correlation, const Workers& workers);
+// The image at (x, y + offset(x, y)), by cubic convolution along the column.
+template <class T>
+void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
+               const Workers& workers);
+
 // 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
 void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
                     const FusedOutput& out, const Workers& workers);

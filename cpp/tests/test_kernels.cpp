@@ -911,6 +911,56 @@ void test_warp() {
   }
 }
 
+template <class T>
+void test_move_rows() {
+  Random random{24};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 9), W = random.between(1, 20), C = round % 2 ? 1 : 3, shift = random.between(-12, 12);
+    std::vector<T> image(static_cast<size_t>(H) * W * C), moved(image.size());
+    for (T& pixel : image) pixel = static_cast<T>(random.below(256));
+    const Workers workers{random.between(1, 4), [] { return false; }};
+    move_rows<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, 0, 255, moved.data(), workers);
+    bool right = true;
+    for (int y = 0; y < H; ++y)
+      for (int i = 0; i < W * C; ++i) right = right && moved[y * W * C + i] == image[clamp(y + shift, 0, H - 1) * W * C + i];
+    CHECK(right, text(H) + "x" + text(W) + " by " + text(shift));
+    // Steep fields leave the image above and below; what they find there is the edge.
+    move_rows<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, 0, 255, moved.data(), workers);
+    move_rows<T>(image.data(), H, W, C, {0.4, 0.3, -3.7}, 0, 255, moved.data(), workers);
+  }
+}
+
+void test_corners_and_tracks() {
+  Random random{25};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 30), W = random.between(1, 40), tile = random.between(1, 20);
+    const HalfWindow reach{random.between(1, 7), random.between(1, 5)};
+    std::vector<uint8_t> image(static_cast<size_t>(H) * W);
+    for (uint8_t& pixel : image) pixel = static_cast<uint8_t>(random.below(256));
+    const Workers workers{random.between(1, 4), [] { return false; }};
+    std::vector<int32_t> found(static_cast<size_t>(H / tile) * (W / tile) * 2);
+    corners(image.data(), H, W, tile, random.between(1, 6), reach, 0, found.data(), workers);
+    std::vector<int32_t> points{0, 0, W - 1, H - 1};
+    for (size_t k = 0; k < found.size(); k += 2)
+      if (found[k] >= 0) {
+        const bool inside = found[k] > reach.x && found[k] + reach.x + 1 < W && found[k + 1] > reach.y &&
+                            found[k + 1] + reach.y + 1 < H;
+        CHECK(inside, text(found[k]) + ", " + text(found[k + 1]));
+        points.insert(points.end(), {found[k], found[k + 1]});
+      }
+    const int count = static_cast<int>(points.size() / 2);
+    std::vector<double> motion(points.size(), 0), correlation(count, 7);
+    track(image.data(), image.data(), H, W, points.data(), count, reach, 4, motion.data(), correlation.data(), workers);
+    CHECK(std::isnan(correlation[0]) && std::isnan(correlation[1]), "windows that leave the image");
+    for (int k = 2; k < count; ++k) {
+      CHECK(std::fabs(motion[2 * k]) < 1e-3 && std::fabs(motion[2 * k + 1]) < 1e-3, "a point of the same image");
+      CHECK(correlation[k] > 0.999, std::to_string(correlation[k]));
+    }
+    for (double& one : motion) one = random.between(-40, 40) * 0.37;
+    track(image.data(), image.data(), H, W, points.data(), count, reach, 4, motion.data(), correlation.data(), workers);
+  }
+}
+
 void test_merging() {
   Random random{23};
   for (int round = 0; round < 60; ++round) {
@@ -1400,6 +1450,9 @@ int main() {
   timed("planes", test_planes);
   timed("warp, bytes", test_warp<uint8_t>);
   timed("warp, words", test_warp<int32_t>);
+  timed("moving rows, bytes", test_move_rows<uint8_t>);
+  timed("moving rows, words", test_move_rows<int32_t>);
+  timed("corners and tracks", test_corners_and_tracks);
   timed("merging", test_merging);
   timed("winning costs", test_winning_costs);
   timed("interruption", test_interruption);

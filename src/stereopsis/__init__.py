@@ -25,12 +25,12 @@ from stereopsis.optimize import (
     Swap,
     energy,
 )
-from stereopsis.pipeline import estimate_disparities, match
+from stereopsis.pipeline import estimate_disparities, estimate_vertical, match
 from stereopsis.pixelwise import BirchfieldTomasi, Census, Combined, Gradient, MutualInformation, Rank
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.sparsification import Sparsification, sparsification
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
-from stereopsis.types import Calibration, Disparities, Flag, Pair, Result
+from stereopsis.types import Calibration, Disparities, Flag, Pair, Result, Vertical
 
 __version__ = "0.1.0"
 
@@ -68,11 +68,13 @@ __all__ = [
     "Smoothness",
     "Sparsification",
     "Swap",
+    "Vertical",
     "datasets",
     "depth",
     "energy",
     "error_map",
     "estimate_disparities",
+    "estimate_vertical",
     "evaluate",
     "io",
     "match",

@@ -258,6 +258,29 @@ def warp(
 def warp(
     image: _I32, plane: tuple[float, ...], lowest: int, highest: int, warped: _I32, threads: int, /
 ) -> None: ...
+@overload
+def move_rows(
+    image: _U8, offset: tuple[float, ...], lowest: int, highest: int, moved: _U8, threads: int, /
+) -> None: ...
+@overload
+def move_rows(
+    image: _I32, offset: tuple[float, ...], lowest: int, highest: int, moved: _I32, threads: int, /
+) -> None: ...
+def corners(
+    image: _U8, tile: int, stride: int, reach_x: int, reach_y: int, least: float, found: _I32, threads: int, /
+) -> None: ...
+def track(
+    left: _U8,
+    right: _U8,
+    points: _I32,
+    reach_x: int,
+    reach_y: int,
+    iterations: int,
+    motion: npt.NDArray[np.float64],
+    correlation: npt.NDArray[np.float64],
+    threads: int,
+    /,
+) -> None: ...
 def merge_pass(
     disparity: _F32,
     confidence: _F32,

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from stereopsis.bench.methods import Method
     from stereopsis.evaluate import Scores
     from stereopsis.settings import Settings
     from stereopsis.types import Calibration, Pair, Result
@@ -190,6 +191,7 @@ def commands(ctx: click.Context) -> None:
       stereopsis match left.png right.png -o disparity.png -o preview.png
       stereopsis evaluate disparity.png truth.png
       stereopsis info disparity.png
+      stereopsis bench accuracy DATASET
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
@@ -447,6 +449,171 @@ def study(
             _print_table(lines, head)
         _print_written(made.files)
     return INCOMPLETE if made.outcome.failed else 0
+
+
+@commands.group(cls=_Commands, invoke_without_command=True)
+@click.pass_context
+def bench(ctx: click.Context) -> None:
+    """Measure accuracy and speed, beside OpenCV.
+
+    \b
+      stereopsis bench accuracy DATASET
+      stereopsis bench speed
+    """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+def _compared(command: F) -> F:
+    """The options of both tables."""
+
+    @click.option(
+        "--presets", metavar="NAMES", help="Only these, such as fast,local; 'none': plain settings."
+    )
+    @click.option(
+        "--set", "assignments", metavar="NAME=VALUE", multiple=True, help="Change one setting of each preset."
+    )
+    @click.option("--opencv/--no-opencv", default=True, show_default=True, help="OpenCV's matchers too.")
+    @click.option("--csv", "csv_file", type=_OUTPUT, help="Write every number into this file.")
+    @_json
+    @functools.wraps(command)
+    def with_methods(
+        *args: Any, presets: str | None, assignments: tuple[str, ...], csv_file: Path | None, **others: Any
+    ) -> Any:
+        from stereopsis.bench import methods, opencv
+
+        ours = methods.presets(_names(presets or ""), assignments)
+        if others["opencv"]:
+            try:
+                opencv.require()
+            except ModuleNotFoundError as error:
+                raise click.ClickException(str(error)) from None
+        if csv_file and not os.access(csv_file.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(csv_file.parent))
+        return command(*args, ours=ours, csv_file=csv_file, **others)
+
+    return cast(F, with_methods)
+
+
+@bench.command()
+@click.argument(
+    "datasets",
+    metavar="DATASET...",
+    nargs=-1,
+    required=True,
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+)
+@click.option("--pairs", type=click.IntRange(min=1), help="Of each data set only so many, the first ones.")
+@click.option(
+    "--disparities",
+    metavar="MIN:MAX",
+    default="0:128",
+    show_default=True,
+    help="Candidates for every pair, or 'calibration': up to the bound that the data set gives.",
+)
+@click.option("--threads", type=click.IntRange(min=0), default=1, show_default=True, help="0: every core.")
+@_compared
+def accuracy(
+    datasets: tuple[Path, ...],
+    pairs: int | None,
+    disparities: str,
+    threads: int,
+    ours: list[Method],
+    opencv: bool,
+    csv_file: Path | None,
+    as_json: bool,
+) -> int:
+    """Match and score every pair of some data sets.
+
+    \b
+      stereopsis bench accuracy kitti2015 middlebury
+      stereopsis bench accuracy kitti2015 --presets local,none --set vertical=estimate --no-opencv
+      stereopsis bench accuracy kitti2015 --pairs 5 --csv pairs.csv
+
+    D1 to RMSE are over all known pixels, holes filled; 'own' over those that the method answers. Where a data
+    set tells occluded pixels apart, they do not count. The exit code is 3 when something could not be
+    measured.
+    """
+    from stereopsis import datasets as datasets_
+    from stereopsis.bench import accuracy as accuracy_
+    from stereopsis.bench import methods as methods_
+    from stereopsis.types import Disparities
+
+    methods = [*ours, *(methods_.peers() if opencv else [])]
+    candidates: accuracy_.Range = (
+        "calibration" if disparities == "calibration" else Disparities(*_range(disparities))
+    )
+    found = [datasets_.open(folder) for folder in datasets]
+    with _progress("matches") as advance:
+        report = accuracy_.measure(found, methods, candidates, pairs=pairs, threads=threads, progress=advance)
+    for failure in report.failures:
+        what = ", ".join(filter(None, (failure.dataset, failure.pair, failure.method)))
+        click.echo(f"stereopsis: not measured: {what}: {failure.reason}", err=True)
+    if csv_file:
+        _write_text(csv_file, accuracy_.as_csv(report))
+    if as_json:
+        _print_json(accuracy_.as_dict(report, methods))
+    else:
+        click.echo(accuracy_.tables(report, methods))
+    return INCOMPLETE if report.failures else 0
+
+
+@bench.command()
+@click.argument("left", type=_INPUT, required=False)
+@click.argument("right", type=_INPUT, required=False)
+@click.option(
+    "--disparities", metavar="MIN:MAX", type=_range, default="0:128", show_default=True, help="Candidates."
+)
+@click.option("--repeats", type=click.IntRange(min=1), default=21, show_default=True, help="Rounds.")
+@_compared
+def speed(
+    left: Path | None,
+    right: Path | None,
+    disparities: tuple[int, int],
+    repeats: int,
+    ours: list[Method],
+    opencv: bool,
+    csv_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Time presets and OpenCV's matchers in turns, on one pair.
+
+    \b
+      stereopsis bench speed
+      stereopsis bench speed left.png right.png --presets fast,local --repeats 41
+
+    Without a pair, a street of 881 x 400 pixels is rendered. Every round runs each method once on one thread,
+    and once on two; ratios are of times of the same round, as medians with their quartiles.
+    """
+    import stereopsis as st
+    from stereopsis.bench import speed as speed_
+    from stereopsis.types import Disparities
+
+    if (left is None) is not (right is None):
+        raise ValueError("RIGHT is missing: give both images, or neither")
+    if left is not None and right is not None:
+        pair, what = st.read_pair(left, right), str(left)
+    else:
+        pair, what = st.scenes.street(881, 400, seed=0).pair, "rendered street"
+    with _progress("rounds") as advance:
+        lines = speed_.measure(
+            pair, Disparities(*disparities), ours, repeats=repeats, with_opencv=opencv, progress=advance
+        )
+    if csv_file:
+        _write_text(csv_file, speed_.as_csv(lines))
+    machine = speed_.machine(opencv)
+    told = f"{what}, {_size(pair.left)}, disparities {disparities[0]}:{disparities[1]}, {repeats} rounds"
+    if as_json:
+        _print_json({"machine": machine, "pair": told, "methods": speed_.as_dict(lines)})
+        return
+    click.echo("\n".join([*machine, told, "", speed_.table(lines)]))
+
+
+def _write_text(path: Path, text: str) -> None:
+    from stereopsis.io.atomic import write_bytes
+
+    write_bytes(path, text.encode())
+    click.echo(f"wrote {path}", err=True)
 
 
 def _windows(text: str) -> tuple[int, ...]:

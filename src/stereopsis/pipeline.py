@@ -22,6 +22,7 @@ from stereopsis import (
     noise,
     optimize,
     pixelwise,
+    rectify,
     refine,
     select,
     settings,
@@ -33,7 +34,7 @@ from stereopsis import (
 )
 from stereopsis.settings import Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian, Window, window_size
-from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling
+from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling, Vertical
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
@@ -58,6 +59,7 @@ def match(
     disparities: tuple[int, int] | None = UNSET,
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
+    vertical: str | float | tuple[float, float, float] | None = UNSET,
     optimize: optimize.Optimizer | str | None = UNSET,
     slant: str | None = UNSET,
     extra_windows: tuple[Window, ...] = UNSET,
@@ -94,9 +96,11 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, slant, extra_windows, optimize, subpixel, refine_window, upsample, left_right
+    cost, channels, vertical, slant, extra_windows, optimize, subpixel, refine_window, upsample
         As in `Settings`.
-    uniqueness, texture, reflection, sky, median, speckle, fill, step, disparity_step, threads, keep
+    left_right, uniqueness, texture, reflection, sky, median, speckle, fill, step, disparity_step
+        As in `Settings`.
+    threads, keep
         As in `Settings`.
 
     Returns
@@ -133,6 +137,7 @@ def match(
             ("disparities", disparities),
             ("cost", cost),
             ("channels", channels),
+            ("vertical", vertical),
             ("optimize", optimize),
             ("slant", slant),
             ("extra_windows", extra_windows),
@@ -162,6 +167,12 @@ def match(
             chosen = chosen.changed(
                 disparities=estimate_disparities(pair.left, pair.right, threads=chosen.threads)
             )
+    if chosen.vertical == "estimate":
+        with _timed(timings, "vertical"):
+            lies = estimate_vertical(
+                pair.left, pair.right, cast(Disparities, chosen.disparities), threads=chosen.threads
+            )
+            chosen = chosen.changed(vertical=lies)
     return _match(pair, chosen, start, timings)
 
 
@@ -171,6 +182,10 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     with _timed(timings, "read"):
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
+    if isinstance(chosen.vertical, Vertical) and any(chosen.vertical):
+        with _timed(timings, "vertical"):
+            right = rectify.undone(pixels.right, chosen.vertical, chosen.threads)
+            pixels = pixels._replace(right=right)
     merged = chosen.slant is not None or bool(chosen.extra_windows)
     composed = not merged and not _streams(chosen, pixels)
 
@@ -193,6 +208,9 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
         with _timed(timings, "match"):
             disparity, confidence, flags = _stream(pixels, chosen, seen)
 
+    if "vertical" in chosen.keep:
+        lies = chosen.vertical if isinstance(chosen.vertical, Vertical) else Vertical(0.0)
+        stages["vertical"] = rectify.field(lies, disparity.shape)
     if "planes" in chosen.keep:
         stages.setdefault("planes", np.empty((0, 3)))
         stages.setdefault("plane", np.zeros(disparity.shape, np.uint8))
@@ -598,6 +616,44 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
     if np.mean(reliable < -1) < 0.05:
         lowest = max(lowest, 0)
     return Disparities(lowest, max(lowest + 1, int(np.ceil((high + margin) * factor)) + 1))
+
+
+def estimate_vertical(
+    left: Image, right: Image, disparities: tuple[int, int], *, threads: int = 0
+) -> Vertical:
+    """Rows that the right image lies too low, from the pair's images alone.
+
+    Points with texture in both directions are followed from the left image into the right one, in columns and
+    rows, from where a map of shrunken images (ZNCC 15 x 7, with its checks) has them; an affine field is
+    fitted to the rows that they moved.
+
+    Parameters
+    ----------
+    left, right : ndarray, (H, W) or (H, W, 3)
+        A pair that is rectified but for up to 4 rows.
+    disparities : (int, int)
+        Candidates ``min, ..., max - 1`` in pixels.
+    threads : int
+        0: all cores.
+
+    Returns
+    -------
+    Vertical
+        Zero where the field is not significant, or too small to be worth undoing.
+    """
+    pixels = cost.pixels(left, right, "grey", threads)
+    width = left.shape[1]
+    seen, count = _in_view(settings.as_disparities(disparities), width, 1), rectify.levels(width)
+    mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count) for image in pixels[:2])
+    rows, columns = mine[-1].shape
+    coarse = None
+    if seen is not None and min(rows, columns) >= 8:
+        coarse = _in_view(Disparities(seen.min >> count, ((seen.max - 1) >> count) + 2), columns, 1)
+    if coarse is None:
+        return Vertical(0.0)
+    last = cost.Pixels(mine[-1][..., None], other[-1][..., None], 1.0)
+    first, _, _ = _fused.match("zncc", last, coarse, (15, 7), "parabola", 1.0, 5.0, threads)
+    return rectify.fit(rectify.sights(mine, other, first, threads), left.shape)
 
 
 def _shrunk(image: Image, factor: int) -> Image:

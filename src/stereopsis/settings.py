@@ -27,7 +27,7 @@ from stereopsis.optimize import (
 from stereopsis.pixelwise import PIXEL_COSTS, WORST, Pixelwise, cost_of, name_of
 from stereopsis.pixelwise import PixelCost as PixelCost
 from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
-from stereopsis.types import Disparities
+from stereopsis.types import Disparities, Vertical
 
 
 def _is_int(value: Any) -> bool:
@@ -125,8 +125,9 @@ INTERPOLATIONS = ("nearest", "linear", "cubic", "lanczos", "area")
 FILLS = ("background",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
+MAX_VERTICAL = 1000
 SLANTS = ("road", "planes")
-KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes")
+KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes", "vertical")
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,10 @@ class Settings:
     channels : {"grey", "separate"}
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
+    vertical : {"estimate"}, float, (float, float, float) or None
+        Undo what the right image lies too low, before anything else: pixels that are known, over the whole
+        image or as a `Vertical` (in the middle, gained from left to right, gained from top to bottom), or
+        "estimate": found from the images, and told by the result's settings. None: the images as they are.
     optimize : SecondPass, ICM, BeliefPropagation, TRWS, Expansion, Swap or None
         How neighbours' labels are made to agree, with its smoothness. None: the plain winners.
     slant : {"road", "planes"} or None
@@ -194,7 +199,8 @@ class Settings:
     keep : tuple of str
         Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
         "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
-        of each pixel's, 0 being fronto-parallel. With `slant` or `extra_windows` there are no costs to keep,
+        of each pixel's, 0 being fronto-parallel; "vertical", (H, W) float32, the rows that each pixel of the
+        right image lay too low. With `slant` or `extra_windows` there are no costs to keep,
         as they belong to one plane and window.
     preset : str or None
         The preset that these settings started from.
@@ -203,6 +209,7 @@ class Settings:
     disparities: Disparities | None = None
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
+    vertical: Vertical | Literal["estimate"] | None = None
     optimize: Optimizer | None = None
     slant: Literal["road", "planes"] | None = None
     extra_windows: tuple[tuple[int, int], ...] = ()
@@ -458,6 +465,15 @@ def _checked(name: str, value: Any) -> Any:
         case "channels":
             if value not in CHANNELS:
                 raise refuse(f"one of {', '.join(CHANNELS)}")
+        case "vertical":
+            if value is None or value == "estimate":
+                return value
+            parts = (value, 0, 0) if _is_number(value) else value
+            if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(map(_is_number, parts)):
+                raise refuse('"estimate", pixels, three of them (middle, across, down), or None')
+            if not all(abs(part) <= MAX_VERTICAL for part in parts):
+                raise refuse(f"at most {MAX_VERTICAL} pixels")
+            return Vertical(*map(float, parts))
         case "slant":
             if value is not None and value not in SLANTS:
                 raise refuse(f"one of {', '.join(SLANTS)}, or None")
@@ -633,6 +649,10 @@ def _from_text(name: str, text: str) -> Any:
                 return int(low), int(high)
             except ValueError:
                 raise ValueError(f"disparities must be MIN:MAX, such as 0:128, not {text!r}") from None
+        case "vertical":
+            if text == "estimate":
+                return text
+            return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
         case "extra_windows":
             return tuple(
                 int(part) if part.isdigit() else part for part in text.replace(" ", "").split(",") if part

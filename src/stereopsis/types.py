@@ -59,6 +59,24 @@ class Disparities(NamedTuple):
         return self.max - self.min
 
 
+class Vertical(NamedTuple):
+    """Rows that the right image lies too low, as an affine field over its pixels.
+
+    Attributes
+    ----------
+    offset : float
+        In the image's middle, in pixels: positive where a point lies on a larger row of the right image.
+    across : float
+        What it gains from the first column to the last.
+    down : float
+        What it gains from the first row to the last.
+    """
+
+    offset: float
+    across: float = 0.0
+    down: float = 0.0
+
+
 class Sampling(NamedTuple):
     """Every how many pixels of rows and columns, and every how many candidates, something is computed."""
 

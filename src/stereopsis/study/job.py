@@ -32,6 +32,7 @@ ASIDE: Final = (
     "__main__.py",
     "cli.py",
     "demo.py",
+    *(f"bench/{name}.py" for name in ("__init__", "accuracy", "methods", "opencv", "speed")),
     *(f"study/{name}.py" for name in ("figures", "methods", "page", "plan", "sections", "tables")),
 )
 """Files of the program that decide no row, or only by a setting that is in its key anyway."""

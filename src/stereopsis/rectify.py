@@ -1,0 +1,259 @@
+r"""Misrectification: what the right image lies too low or too high, found from the images and undone.
+
+A pair is rectified when each point lies on the same row of both images. Where a calibration has aged it does
+not: on public driving data a third of a pixel is common. Windows and census then see different rows.
+What is found here is the affine field
+
+.. math::
+    v(x, y) = v_0 + v_x \left(\frac{x}{W - 1} - \frac12\right) + v_y \left(\frac{y}{H - 1} - \frac12\right)
+
+of rows that the right image lies too low: a left point at :math:`(x, y)` is seen at
+:math:`(x - d, y + v(x - d, y))`. It is a shift, a roll and a scale, which is what small errors of a camera's
+attitude and focal length make.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from stereopsis import _core
+from stereopsis.types import DisparityMap, Vertical
+
+Bytes = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float64]
+
+COLUMNS = 400
+"""The coarsest level of the pyramid is the first with at most so many columns, and never the image itself."""
+TILE = 18
+"""A point is sought in each square of so many pixels, or more of a large image: in about `TILES` of them."""
+TILES = 1200
+STRIDE = 6
+"""Every how many rows and columns of a tile."""
+REACH = (6, 4)
+"""A window goes so many columns and rows from its point: 13 x 9."""
+LEAST_CORNER = 16.0
+"""Least mean square of I(+1) - I(-1) in a window's weakest direction, in squared grey levels."""
+ITERATIONS = 5
+LEAST_CORRELATION = 0.9
+MOST_ROWS, MOST_COLUMNS = 4.0, 3.0
+"""How far a point may lie off its row, and off what the disparity map says, to be believed."""
+
+FEWEST = 40
+"""Points that a field needs."""
+SLOPE = 0.5
+"""What a slope is expected to be, in pixels from edge to edge: few points are no reason for a steep one."""
+SIGNIFICANT = 4.0
+"""A field counts where its root mean square is so many times its own deviation,"""
+LEAST = 0.08
+"""and at least so many pixels: less is not worth resampling for."""
+
+
+class Sights(NamedTuple):
+    """Where points of the right image lie off the left one's rows; (N,) each.
+
+    Attributes
+    ----------
+    x, y : ndarray of float64
+        Column of the right image and row of the left one, in pixels.
+    rows : ndarray of float64
+        Pixels that the point lies lower in the right image.
+    """
+
+    x: Floats
+    y: Floats
+    rows: Floats
+
+
+def levels(width: int) -> int:
+    """How often an image is halved for the disparity map that the search starts from."""
+    count = 1
+    while width >> count > COLUMNS:
+        count += 1
+    return count
+
+
+def eight_bit(image: npt.NDArray[Any]) -> Bytes:
+    """An image of integers as bytes: as it is, or its range from the 0.5 to the 99.5 % quantile stretched."""
+    if image.dtype == np.uint8:
+        return np.ascontiguousarray(image)
+    low, high = np.quantile(image[::3, ::3], (0.005, 0.995))
+    scaled = (image.astype(np.float64) - low) * (255 / max(high - low, 1.0))
+    stretched: Bytes = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    return stretched
+
+
+def halved(image: Bytes) -> Bytes:
+    """The rounded mean of each 2 x 2 pixels; an odd last row or column is left out."""
+    rows, columns = (side // 2 * 2 for side in image.shape)
+    wide = image[:rows, :columns].astype(np.uint16)
+    sums = wide[::2, ::2] + wide[::2, 1::2] + wide[1::2, ::2] + wide[1::2, 1::2]
+    means: Bytes = ((sums + 2) >> 2).astype(np.uint8)
+    return means
+
+
+def pyramid(image: Bytes, count: int) -> list[Bytes]:
+    """The image, halved 0, 1, ... `count` times."""
+    found = [image]
+    for _ in range(count):
+        found.append(halved(found[-1]))
+    return found
+
+
+def sights(left: list[Bytes], right: list[Bytes], disparity: DisparityMap, threads: int = 0) -> Sights:
+    """Points with texture in both directions, and where the right image shows them.
+
+    In each tile of the left image that window whose gradients are strongest in their weakest direction [1]_
+    is followed from the coarsest level down by the iterations of Lucas and Kanade [2]_, in columns and rows
+    at once, starting at the disparity of a coarse map and on the same row. Each window's mean and gain are
+    removed.
+
+    Parameters
+    ----------
+    left, right : list of ndarray of uint8, (H, W)
+        Pyramids, as `pyramid` gives them.
+    disparity : ndarray of float32
+        A map of the last level, in its own pixels; NaN where not reliable.
+    threads : int
+        0: all cores.
+
+    Returns
+    -------
+    Sights
+        Those points that were followed to a correlation of at least `LEAST_CORRELATION`, and not far.
+
+    References
+    ----------
+    .. [1] J. Shi, C. Tomasi, Good features to track, CVPR 1994, doi:10.1109/CVPR.1994.323794.
+    .. [2] J.-Y. Bouguet, Pyramidal implementation of the affine Lucas Kanade feature tracker, Intel, 2001.
+    """
+    last = len(left) - 1
+    points = _corners(left[0], threads)
+    at = _inside(points >> last, disparity.shape)
+    start: Floats = disparity[at[:, 1], at[:, 0]].astype(np.float64)
+    known = np.isfinite(start)
+    points, start = np.ascontiguousarray(points[known]), start[known]
+    motion: Floats = np.stack((-start, np.zeros_like(start)), axis=1)
+    correlation = np.empty(len(points))
+    for level in range(last, -1, -1):
+        seen = np.ascontiguousarray(_inside(points >> level, left[level].shape))
+        _core.track(left[level], right[level], seen, *REACH, ITERATIONS, motion, correlation, threads)
+        if level:
+            motion *= 2
+    moved = motion[:, 0] + start * 2**last
+    with np.errstate(invalid="ignore"):
+        good = (correlation >= LEAST_CORRELATION) & (np.abs(motion[:, 1]) <= MOST_ROWS)
+        good &= np.abs(moved) <= MOST_COLUMNS * 2 ** (last - 1)
+    return Sights(
+        points[good, 0] + motion[good, 0], points[good, 1].astype(np.float64), motion[good, 1].copy()
+    )
+
+
+def _corners(image: Bytes, threads: int) -> npt.NDArray[np.int32]:
+    """Columns and rows, (N, 2), of at most one point a tile."""
+    tile = max(TILE, int(np.sqrt(image.size / TILES)))
+    stride = max(STRIDE, tile // 3)
+    found = np.empty((image.shape[0] // tile, image.shape[1] // tile, 2), np.int32)
+    pixels = (2 * REACH[0] + 1) * (2 * REACH[1] + 1)
+    _core.corners(image, tile, stride, *REACH, LEAST_CORNER * pixels, found, threads)
+    flat = found.reshape(-1, 2)
+    return flat[flat[:, 0] >= 0]
+
+
+def _inside(points: npt.NDArray[np.int32], shape: tuple[int, ...]) -> npt.NDArray[np.int32]:
+    most = np.array([shape[1] - 1, shape[0] - 1], np.int32)
+    inside: npt.NDArray[np.int32] = np.minimum(points, most)
+    return inside
+
+
+def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
+    r"""The field that most points agree on; nothing where there is none worth undoing.
+
+    Least squares with the weights :math:`(1 + r^2 / 4 s^2)^{-2}` of Geman and McClure [1]_, :math:`s` being
+    the residuals' robust deviation, iterated from the median. The slopes are drawn towards 0 as if each had
+    been seen once to be 0, with a deviation of `SLOPE`.
+
+    Parameters
+    ----------
+    seen : Sights
+    shape : (H, W, ...)
+        Of the images.
+
+    Returns
+    -------
+    Vertical
+        Zero where there are fewer than `FEWEST` points, or the field's root mean square over the image is
+        below `LEAST` or `SIGNIFICANT` of its own standard deviations.
+
+    References
+    ----------
+    .. [1] S. Geman, D. E. McClure, Statistical methods for tomographic image reconstruction, Bulletin of the
+       International Statistical Institute 52(4), 1987.
+    """
+    none = Vertical(0.0, 0.0, 0.0)
+    if len(seen.rows) < FEWEST:
+        return none
+    height, width = shape[:2]
+    across, down = seen.x / max(1, width - 1) - 0.5, seen.y / max(1, height - 1) - 0.5
+    terms = np.stack((np.ones_like(across), across, down), axis=1)
+    found = np.array([np.median(seen.rows), 0.0, 0.0])
+    prior = np.diag([0.0, SLOPE**-2, SLOPE**-2])
+    for _ in range(20):
+        rest = seen.rows - terms @ found
+        scale = max(float(1.4826 * np.median(np.abs(rest))), 0.01)
+        weights = (1 + (rest / (2 * scale)) ** 2) ** -2
+        normal = terms.T @ (weights[:, None] * terms) + scale**2 * prior
+        found = np.linalg.solve(normal, terms.T @ (weights * seen.rows))
+    # Weights like these use the points about half as well as least squares would; neighbours err alike.
+    spread = 4 * scale**2 * np.linalg.inv(normal)
+    # Over the image a coordinate from -1/2 to 1/2 has a mean square of 1/12.
+    mean_square = found[0] ** 2 + (found[1] ** 2 + found[2] ** 2) / 12
+    deviation = spread[0, 0] + (spread[1, 1] + spread[2, 2]) / 12
+    if mean_square < max(LEAST**2, SIGNIFICANT**2 * deviation):
+        return none
+    # To a ten-thousandth of a pixel, so that no linear algebra library decides the last bits of a match.
+    return Vertical(*np.round(found, 4).tolist())
+
+
+def undone(image: npt.NDArray[Any], vertical: Vertical, threads: int = 0) -> npt.NDArray[Any]:
+    """The right image as rectified, ``undone(x, y) = image(x, y + v(x, y))``.
+
+    By cubic convolution [1]_ along the column, rounded to the image's own whole numbers and kept within its
+    range. Beyond the first and the last row these are repeated.
+
+    Parameters
+    ----------
+    image : ndarray of uint8 or int32, (H, W, C)
+    vertical : Vertical
+    threads : int
+        0: all cores.
+
+    Returns
+    -------
+    ndarray of the same dtype and shape
+
+    References
+    ----------
+    .. [1] R. G. Keys, Cubic convolution interpolation for digital image processing, IEEE TASSP 29(6), 1981,
+       doi:10.1109/TASSP.1981.1163711.
+    """
+    moved = np.empty_like(image)
+    plane = _plane(vertical, image.shape)
+    _core.move_rows(image, plane, int(image.min()), int(image.max()), moved, threads)
+    return moved
+
+
+def field(vertical: Vertical, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
+    """Rows that each pixel of the right image lies too low, (H, W)."""
+    a, b, c = _plane(vertical, shape)
+    rows, columns = shape[:2]
+    values = a * np.arange(columns) + (b * np.arange(rows)[:, None] + c)
+    return values.astype(np.float32)
+
+
+def _plane(vertical: Vertical, shape: tuple[int, ...]) -> tuple[float, float, float]:
+    """As ``a x + b y + c``."""
+    a, b = vertical.across / max(1, shape[1] - 1), vertical.down / max(1, shape[0] - 1)
+    return a, b, vertical.offset - 0.5 * (vertical.across + vertical.down)

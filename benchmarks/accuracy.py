@@ -24,7 +24,7 @@ from typing import Any
 import stereopsis as st
 from stereopsis import datasets
 from stereopsis.evaluate import Scores
-from stereopsis.settings import Settings
+from stereopsis.settings import COSTS, Settings
 from stereopsis.types import Disparities
 
 PLAIN = {"cost": "zncc", "window": "31", "subpixel": "parabola"}
@@ -96,6 +96,12 @@ def choose(preset: str | None, assignments: Sequence[str], disparities: str) -> 
     # An assignment of the user's replaces the plain one of the same name, whatever `make` says of two.
     given = {text.partition("=")[0].strip() for text in assignments}
     kept = [f"{name}={value}" for name, value in plain.items() if name not in given]
+    # A cost of pixels has a window of its own.
+    chosen = Settings.make(
+        assignments=[text for text in assignments if text.partition("=")[0].strip() == "cost"]
+    )
+    if type(chosen.cost) not in COSTS.values():
+        kept = [text for text in kept if not text.startswith("window=")]
     settings = Settings.make(preset=preset, assignments=(*kept, *assignments))
     return (
         settings if disparities == "calibration" else replace(settings, disparities=parse_range(disparities))

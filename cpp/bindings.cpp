@@ -209,6 +209,58 @@ void bind_score(nb::module_& m) {
   });
 }
 
+template <class T>
+void bind_census(nb::module_& m) {
+  m.def("census", [](const Array<const T, 2>& image, const Array<const int32_t, 3>& points, const Array<uint64_t, 3>& strings,
+                     int threads, const std::string& instructions) {
+    const int H = image.shape(0), W = image.shape(1), n = points.shape(0);
+    require(image.size() > 0 && 1 <= n && n <= 128, "from 1 to 128 comparisons");
+    require_shape(points, n, 2, 2);
+    for (size_t k = 0; k < points.size(); ++k)
+      require(-127 <= points.data()[k] && points.data()[k] <= 127, "comparisons reach up to 127 pixels");
+    require_shape(strings, (n + 63) / 64, H, W);
+    const PixelwiseKernels& kernels = choose_pixelwise(instructions);
+    const auto* pairs = reinterpret_cast<const CensusPoint*>(points.data());
+    run(threads, [&](const Workers& workers) { census<T>(image.data(), H, W, pairs, n, strings.data(), kernels, workers); });
+  });
+}
+
+template <class T>
+void bind_pixel_costs(nb::module_& m) {
+  m.def("pixel_costs", [](int kind, const Array<const T, 3>& left, const Array<const T, 3>& right, int bits, int first, int most,
+                          const std::optional<Array<const uint8_t, 2>>& table, int box_width, int box_height, bool add,
+                          const Array<uint16_t, 3>& costs, int threads, const std::string& instructions) {
+    const auto cost = static_cast<PixelCost>(kind);
+    const int P = left.shape(0), H = left.shape(1), W = left.shape(2), D = costs.shape(2);
+    const Window box = window_of(box_width, box_height);
+    require(sizeof(T) == 8   ? cost == PixelCost::census && P == (bits + 63) / 64 && 1 <= bits && bits <= 128
+            : sizeof(T) == 2 ? (cost == PixelCost::vector && P == 2) || (cost == PixelCost::interval && P == 3)
+                             : (cost == PixelCost::absolute || cost == PixelCost::table) && P == 1,
+            "no such cost of these features");
+    require(left.size() > 0 && D > 0, "nothing to match");
+    require_shape(right, P, H, W);
+    require_shape(costs, H, W, D);
+    require(1 <= most && most <= 255 && most * box.area() < 65535, "sums stay below 65535");
+    require(table.has_value() == (cost == PixelCost::table), "a table for the cost that needs one");
+    if (table) require_shape(*table, 256, 256);
+    const PixelwiseKernels& kernels = choose_pixelwise(instructions);
+    const PixelJob job{cost,  left.data(), right.data(), H, W, P, bits, first, D, most, table ? table->data() : nullptr,
+                       box, add, costs.data()};
+    run(threads, [&](const Workers& workers) { pixel_costs(job, kernels, workers); });
+  });
+}
+
+void bind_combine(nb::module_& m) {
+  m.def("combine", [](const Array<uint16_t, 3>& costs, const Array<const uint16_t, 3>& other, uint32_t factor,
+                      uint32_t other_factor, int threads) {
+    const int H = costs.shape(0), W = costs.shape(1), D = costs.shape(2);
+    require_shape(other, H, W, D);
+    run(threads, [&](const Workers& workers) {
+      combine(costs.data(), other.data(), H, static_cast<size_t>(W) * D, factor, other_factor, workers);
+    });
+  });
+}
+
 // The cost volume of a support, handed to `work` with everything that the kernels share.
 template <class Work>
 void support_volume(const Pixels& left, const Pixels& right, int first, int cost, int step, int disparity_step,
@@ -475,8 +527,15 @@ NB_MODULE(_core, m) {
     run(threads, [&](const Workers& workers) { score_zsad(pair, window, costs.data(), workers); });
   });
 
+  bind_census<uint8_t>(m);
+  bind_census<int32_t>(m);
+  bind_pixel_costs<uint64_t>(m);
+  bind_pixel_costs<uint8_t>(m);
+  bind_pixel_costs<int16_t>(m);
+  bind_combine(m);
   bind_supports(m);
   bind_optimize<int64_t>(m);
+  bind_optimize<uint16_t>(m);
   bind_optimize<float>(m);
 
   m.def("distance_transform",
@@ -559,6 +618,7 @@ NB_MODULE(_core, m) {
   });
 
   bind_select<int64_t>(m);
+  bind_select<uint16_t>(m);
   bind_select<float>(m);
 
   m.def("texture",

@@ -571,11 +571,15 @@ void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iter
 }
 
 template void relative_costs(const int64_t*, int, int, int, float*, double*, const Workers&);
+template void relative_costs(const uint16_t*, int, int, int, float*, double*, const Workers&);
 template void relative_costs(const float*, int, int, int, float*, double*, const Workers&);
 template void right_volume(const int64_t*, int, int, int, int, int64_t*, const Workers&);
+template void right_volume(const uint16_t*, int, int, int, int, uint16_t*, const Workers&);
 template void right_volume(const float*, int, int, int, int, float*, const Workers&);
 
 template void second_pass(const int64_t*, int, int, int, const int32_t*, const Window&, const int64_t*, double, double, float*,
+                          const Workers&);
+template void second_pass(const uint16_t*, int, int, int, const int32_t*, const Window&, const int64_t*, double, double, float*,
                           const Workers&);
 template void second_pass(const float*, int, int, int, const int32_t*, const Window&, const int64_t*, double, double, float*,
                           const Workers&);

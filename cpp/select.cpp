@@ -88,10 +88,13 @@ void select_right(const T* volume, int height, const Lattice& lattice, int count
 }
 
 template void select_left(const int64_t*, int, const Lattice&, int, int, const Winners<int64_t>&, const Workers&);
+template void select_left(const uint16_t*, int, const Lattice&, int, int, const Winners<uint16_t>&, const Workers&);
 template void select_left(const float*, int, const Lattice&, int, int, const Winners<float>&, const Workers&);
 template void select_right(const int64_t*, int, const Lattice&, int, int, int32_t*, const Workers&);
+template void select_right(const uint16_t*, int, const Lattice&, int, int, int32_t*, const Workers&);
 template void select_right(const float*, int, const Lattice&, int, int, int32_t*, const Workers&);
 template void select_at(const int64_t*, int, int, int, int, const Winners<int64_t>&, const Workers&);
+template void select_at(const uint16_t*, int, int, int, int, const Winners<uint16_t>&, const Workers&);
 template void select_at(const float*, int, int, int, int, const Winners<float>&, const Workers&);
 
 }  // namespace stereopsis

@@ -7,6 +7,7 @@
 
 #include "fused.hpp"
 #include "gaussian.hpp"
+#include "pixelwise.hpp"
 #include "score.hpp"
 #include "supports.hpp"
 
@@ -37,6 +38,22 @@ void score(const Pair& pair, const Window& window, CostKind cost, bool narrow, c
            const Workers& workers);
 // ZSAD has no sums to start from.
 void score_zsad(const Pair& pair, const Window& window, float* costs, const Workers& workers);
+
+// ---- cost and aggregate: whole numbers of single pixels, summed over a box: pixelwise.hpp ------------------------------
+// Where a comparison looks, from the pixel.
+struct CensusPoint {
+  int32_t dy, dx;
+};
+// Bit k of a pixel's string says whether its point 2 k is darker than its point 2 k + 1, edge pixels repeated: (P, H, W), bits
+// 0 to 63 in the first plane.
+template <class T>
+void census(const T* image, int height, int width, const CensusPoint* points, int count, uint64_t* strings,
+            const PixelwiseKernels& kernels, const Workers& workers);
+// costs = (costs * factor + other * other_factor) / 2^16, rounded; what is out of view stays so. Factors are such that neither
+// product, nor the sum, passes 2^31.
+void combine(uint16_t* costs, const uint16_t* other, int rows, size_t in_row, uint32_t factor, uint32_t other_factor,
+             const Workers& workers);
+void pixel_costs(const PixelJob& job, const PixelwiseKernels& kernels, const Workers& workers);
 
 // ---- cost, aggregate, score at once over supports beyond the box: mean costs, (H / step, W / step, D) ----------------
 // Weights taps[j + radius] taps[i + radius], which sum to 1.

@@ -26,6 +26,7 @@ from stereopsis.optimize import (
     energy,
 )
 from stereopsis.pipeline import estimate_disparities, match
+from stereopsis.pixelwise import BirchfieldTomasi, Census, Combined, Gradient, MutualInformation, Rank
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.sparsification import Sparsification, sparsification
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
@@ -46,14 +47,20 @@ __all__ = [
     "Adaptive",
     "BeliefPropagation",
     "Bilateral",
+    "BirchfieldTomasi",
     "Calibration",
+    "Census",
+    "Combined",
     "Cross",
     "Disparities",
     "Expansion",
     "Flag",
     "Gaussian",
+    "Gradient",
+    "MutualInformation",
     "Pair",
     "PixelLocking",
+    "Rank",
     "Result",
     "Scores",
     "SecondPass",

@@ -115,6 +115,38 @@ def score(
 def score_zsad(
     left: _I32, right: _I32, first: int, window_width: int, window_height: int, costs: _F32, threads: int, /
 ) -> None: ...
+@overload
+def census(
+    image: _U8, points: _I32, strings: npt.NDArray[np.uint64], threads: int, instructions: str, /
+) -> None: ...
+@overload
+def census(
+    image: _I32, points: _I32, strings: npt.NDArray[np.uint64], threads: int, instructions: str, /
+) -> None: ...
+def pixel_costs(
+    kind: int,
+    left: npt.NDArray[Any],
+    right: npt.NDArray[Any],
+    bits: int,
+    first: int,
+    most: int,
+    table: _U8 | None,
+    box_width: int,
+    box_height: int,
+    add: bool,
+    costs: npt.NDArray[np.uint16],
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def combine(
+    costs: npt.NDArray[np.uint16],
+    other: npt.NDArray[np.uint16],
+    factor: int,
+    other_factor: int,
+    threads: int,
+    /,
+) -> None: ...
 def separable_costs(
     left: _I32,
     right: _I32,

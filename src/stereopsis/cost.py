@@ -91,6 +91,8 @@ def fits_narrow(window: tuple[int, int], channels: int) -> bool:
 
 def dtype_of(kind: str) -> npt.DTypeLike:
     """The type of a cost: integer where the cost is one."""
+    if kind not in KINDS:
+        return np.uint16
     return np.int64 if kind in ("sad", "ssd") else np.float32
 
 

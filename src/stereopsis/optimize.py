@@ -5,8 +5,8 @@ r"""Optimize: labels that agree with their neighbours, by least energy.
 over all pixels :math:`p` and all pairs :math:`(p, q)` of neighbours, of which a pixel has four.
 :math:`C` is the cost volume as it is, so the weight :math:`\lambda` is in the unit of the cost: for a
 correlation a fraction of 1, for a sum of squares a great number that grows with the window. A label is
-a candidate's number in the volume; one whose cost is the volume's worst value (infinity, or the largest
-int64) is not possible.
+a candidate's number in the volume; one whose cost is the volume's worst value (infinity, or the type's
+largest) is not possible.
 """
 
 from __future__ import annotations
@@ -286,7 +286,7 @@ def energy(
     ----------
     disparity : ndarray, (H, W)
         Whole pixels. NaN takes no part: neither its cost nor its differences from its neighbours count.
-    volume : ndarray of int64 or float32, (H, W, D)
+    volume : ndarray of int64, uint16 or float32, (H, W, D)
     smoothness : Smoothness
     first : int
         Disparity of candidate 0.
@@ -330,13 +330,13 @@ def _energy(index: npt.NDArray[np.int32], volume: npt.NDArray[Any], smoothness: 
 
 def _worst(dtype: npt.DTypeLike) -> Any:
     kind = np.dtype(dtype)
-    return np.iinfo(kind).max if kind.kind == "i" else np.inf
+    return np.iinfo(kind).max if kind.kind in "iu" else np.inf
 
 
 def _checked_volume(volume: Any) -> npt.NDArray[Any]:
-    if not isinstance(volume, np.ndarray) or volume.dtype not in (np.int64, np.float32):
+    if not isinstance(volume, np.ndarray) or volume.dtype not in (np.int64, np.uint16, np.float32):
         given = getattr(volume, "dtype", type(volume).__name__)
-        raise TypeError(f"volume must be an array of int64 or float32, not {given}")
+        raise TypeError(f"volume must be an array of int64, uint16 or float32, not {given}")
     if volume.ndim != 3 or volume.shape[2] == 0:
         raise ValueError(f"volume must be (H, W, D) with D above 0, not of shape {volume.shape}")
     return np.ascontiguousarray(volume)
@@ -347,7 +347,7 @@ def solve(volume: npt.NDArray[Any], solver: Solver, threads: int = 0) -> Solutio
 
     Parameters
     ----------
-    volume : ndarray of int64 or float32, (H, W, D)
+    volume : ndarray of int64, uint16 or float32, (H, W, D)
         Lower is better; the type's largest value, or infinity, where a candidate is not possible.
     solver : ICM, BeliefPropagation, TRWS, Expansion or Swap
         With its smoothness.
@@ -419,7 +419,7 @@ def second_pass(
 
     Parameters
     ----------
-    volume : ndarray of int64 or float32, (H, W, D)
+    volume : ndarray of int64, uint16 or float32, (H, W, D)
         Costs of the window.
     guide : ndarray of int32, (H, W)
         Candidate numbers of the first map; -1, where there is none, does not count.
@@ -468,7 +468,7 @@ def right_view(volume: npt.NDArray[Any], first: int, threads: int = 0) -> npt.ND
 
     Parameters
     ----------
-    volume : ndarray of int64 or float32, (H, W, D)
+    volume : ndarray of int64, uint16 or float32, (H, W, D)
     first : int
         Disparity of candidate 0.
     threads : int

@@ -18,8 +18,10 @@ from stereopsis import (
     aggregate,
     cost,
     fill,
+    information,
     noise,
     optimize,
+    pixelwise,
     refine,
     select,
     settings,
@@ -324,7 +326,7 @@ def _compose(
     volume = _volume(kind, pixels, chosen, seen, timings)
     unit = _unit(kind, pixels.step)
     if isinstance(solver, optimize.SecondPass):
-        weighed = kind in ("ncc", "zncc") or chosen.cost.support is not None
+        weighed = kind in ("ncc", "zncc") or kind not in cost.KINDS or chosen.cost.support is not None
         mean = 1 if weighed else window[0] * window[1] * pixels.left.shape[2]
         with _timed(timings, "optimize"):
             into = volume if volume.dtype == np.float32 else None
@@ -383,6 +385,13 @@ def _volume(
 ) -> npt.NDArray[Any]:
     """Costs of the window, or of the support, for every candidate: (H, W, D)."""
     window, threads, sampling = chosen.cost.size, chosen.threads, _sampling(chosen)
+    if isinstance(chosen.cost, pixelwise.Pixelwise) and kind == _kind(chosen):
+        tables = None
+        if pixelwise.needs_information(chosen.cost):
+            with _timed(timings, "information"):
+                tables = information.tables(*pixels[:2], seen, threads)
+        with _timed(timings, "cost"):
+            return _sampled(pixelwise.volume(chosen.cost, *pixels[:2], seen, threads, tables), sampling)
     if chosen.cost.support is not None:
         with _timed(timings, "weigh"):
             weighed: npt.NDArray[Any] = weigh.volume(
@@ -408,7 +417,7 @@ def _first_labels(
 ) -> npt.NDArray[np.int32]:
     """The plain winners that a second pass starts from, as candidate numbers; -1 for none."""
     kind, threads = _kind(chosen), chosen.threads
-    if chosen.cost.support is not None:
+    if chosen.cost.support is not None or isinstance(chosen.cost, pixelwise.Pixelwise):
         return select.left(_volume(kind, pixels, chosen, seen, timings), seen.min, threads).index
     with _timed(timings, "first"):
         first, _, _ = _fused.match(kind, pixels, seen, chosen.cost.size, None, None, None, threads)
@@ -418,6 +427,8 @@ def _first_labels(
 def _streams(chosen: Settings, pixels: cost.Pixels) -> bool:
     """Whether the streaming path serves these settings."""
     if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY or chosen.optimize is not None:
+        return False
+    if isinstance(chosen.cost, pixelwise.Pixelwise):
         return False
     match chosen.cost.support:
         case None:
@@ -532,7 +543,7 @@ def _presented(
 ) -> npt.NDArray[Any]:
     """The volume over the whole range that was asked for, in the image's own units."""
     asked, apart = cast(Disparities, chosen.disparities), chosen.disparity_step
-    worst = np.iinfo(volume.dtype).max if volume.dtype.kind == "i" else np.inf
+    worst = np.iinfo(volume.dtype).max if volume.dtype.kind in "iu" else np.inf
     whole = np.full((*volume.shape[:2], -(-asked.span // apart)), worst, volume.dtype)
     first = (seen.min - asked.min) // apart
     whole[..., first : first + volume.shape[2]] = volume

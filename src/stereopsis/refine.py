@@ -18,7 +18,9 @@ def _neighbours(
 
     Costs are 0 where nothing is in view; at an end of the range the one neighbour stands for the other.
     """
-    none = np.iinfo(cost.dtype).max if cost.dtype.kind == "i" else np.inf
+    none = np.iinfo(cost.dtype).max if cost.dtype.kind in "iu" else np.inf
+    if cost.dtype.kind == "u":  # differences may be negative
+        cost, before, after = (array.astype(np.int32) for array in (cost, before, after))
     cost = np.where(cost < none, cost, cost.dtype.type(0))
     has_before, has_after = before < none, after < none
     lone = np.where(has_after, after, cost)

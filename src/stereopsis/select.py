@@ -45,7 +45,7 @@ def left(
 
     Parameters
     ----------
-    volume : ndarray of int64 or float32, (H, W', D)
+    volume : ndarray of int64, uint16 or float32, (H, W', D)
         Column k is column ``k * step`` of the left image.
     first : int
         Disparity of candidate 0; the others follow ``disparity_step`` apart.
@@ -76,7 +76,7 @@ def at(volume: npt.NDArray[Any], index: npt.NDArray[np.int32], first: int, threa
 
     Parameters
     ----------
-    volume : ndarray of int64 or float32, (H, W, D)
+    volume : ndarray of int64, uint16 or float32, (H, W, D)
     index : ndarray of int32, (H, W)
         Candidate numbers; -1 for none, as for one that is not in view.
     first : int

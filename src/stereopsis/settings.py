@@ -24,6 +24,8 @@ from stereopsis.optimize import (
     Smoothness,
     Swap,
 )
+from stereopsis.pixelwise import PIXEL_COSTS, WORST, Pixelwise, cost_of, name_of
+from stereopsis.pixelwise import PixelCost as PixelCost
 from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
 from stereopsis.types import Disparities
 
@@ -89,8 +91,9 @@ class ZNCC(_WindowCost):
     """Zero-mean normalised cross-correlation, negated: blind to gain and offset."""
 
 
-Cost: TypeAlias = SAD | SSD | ZSAD | ZSSD | NCC | ZNCC
-COSTS: Mapping[str, type[Cost]] = MappingProxyType(
+WindowCost: TypeAlias = SAD | SSD | ZSAD | ZSSD | NCC | ZNCC
+Cost: TypeAlias = WindowCost | PixelCost
+COSTS: Mapping[str, type[WindowCost]] = MappingProxyType(
     {"sad": SAD, "ssd": SSD, "zsad": ZSAD, "zssd": ZSSD, "ncc": NCC, "zncc": ZNCC}
 )
 OPTIMIZERS: Mapping[str, type[Optimizer]] = MappingProxyType(
@@ -134,8 +137,9 @@ class Settings:
     ----------
     disparities : Disparities or None
         Candidates, like Python's ``range``: the maximum is excluded. None: estimated from the images.
-    cost : SAD, SSD, ZSAD, ZSSD, NCC or ZNCC
-        Matching cost and its support window.
+    cost : SAD, SSD, ZSAD, ZSSD, NCC, ZNCC, or a cost of pixels
+        Matching cost and its support window. Costs of pixels: Census, Rank, Gradient, BirchfieldTomasi,
+        MutualInformation, Combined.
     channels : {"grey", "separate"}
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
@@ -244,7 +248,7 @@ class Settings:
         assignments : iterable of str, optional
             Such as ``"cost=zncc"``, ``"window=31x15"``, ``"left_right=none"``.
         **changes
-            Any field of `Settings`, `window`, and the `OPTIMIZER_PARTS`.
+            Any field of `Settings`, `window` and `aggregation`, and the `OPTIMIZER_PARTS`.
 
         Raises
         ------
@@ -265,18 +269,17 @@ class Settings:
         return (named(start) if start is not None else cls()).changed(**given)
 
     def changed(self, **changes: Any) -> Settings:
-        """A copy with other values: any field, `window`, which is the cost's, and the `OPTIMIZER_PARTS`."""
+        """A copy with other values: any field, the cost's `window` or `aggregation`, `OPTIMIZER_PARTS`."""
         known = _NAMES
         for name in changes:
             if name not in known:
                 raise ValueError(f"unknown setting {name!r}{_nearest(name, known)}")
-        resized = "window" in changes
-        window = changes.pop("window", None)
+        sizes = {name: changes.pop(name) for name in COST_PARTS if name in changes}
         if "cost" in changes and isinstance(changes["cost"], str):
-            changes["cost"] = _cost_named(changes["cost"])(window=self.cost.window)
-        if resized:
+            changes["cost"] = _cost_named(changes["cost"], self.cost)
+        if sizes:
             cost = changes.get("cost", self.cost)
-            changes["cost"] = dataclasses.replace(cost, window=window) if _is_cost(cost) else cost
+            changes["cost"] = _resized(cost, sizes) if _is_cost(cost) else cost
         parts = {name: changes.pop(name) for name in OPTIMIZER_PARTS if name in changes}
         solver = changes.get("optimize", self.optimize)
         if parts or isinstance(solver, str):
@@ -289,6 +292,9 @@ class Settings:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if field.name == "cost":
+                if isinstance(value, Pixelwise):
+                    lines.append(f"cost = {json.dumps(str(value))}")
+                    continue
                 lines.append(f'cost = "{type(value).__name__.lower()}"')
                 lines.append(f"window = {json.dumps(_window_value(value))}")
             elif field.name == "optimize" and value is not None:
@@ -307,7 +313,7 @@ class Settings:
         """As JSON can hold it."""
         return {
             field.name: (
-                {"name": type(value).__name__.lower(), "window": _window_value(value)}
+                _cost_dict(value)
                 if _is_cost(value)
                 else {
                     "name": _name_of(value),
@@ -321,12 +327,28 @@ class Settings:
         }
 
 
-def _window_value(cost: Cost) -> Any:
+def _cost_dict(cost: Any) -> dict[str, Any]:
+    if not isinstance(cost, Pixelwise):
+        return {"name": type(cost).__name__.lower(), "window": _window_value(cost)}
+    parts = {field.name: getattr(cost, field.name) for field in dataclasses.fields(cost)}  # type: ignore[arg-type]
+    return {"name": name_of(cost)} | {
+        name: _cost_dict(part)
+        if isinstance(part, Pixelwise)
+        else list(window_size(part))
+        if name in COST_PARTS
+        else part
+        for name, part in parts.items()
+    }
+
+
+def _window_value(cost: WindowCost) -> Any:
     """A box as two numbers, a support as text."""
     return list(cost.size) if cost.support is None else str(cost.support)
 
 
-_NAMES = (*(field.name for field in dataclasses.fields(Settings)), "window", *OPTIMIZER_PARTS)
+COST_PARTS = ("window", "aggregation")
+"""What a cost is made of, by the names that these have in a text of their own."""
+_NAMES = (*(field.name for field in dataclasses.fields(Settings)), *COST_PARTS, *OPTIMIZER_PARTS)
 
 
 def named(preset: str) -> Settings:
@@ -343,15 +365,28 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 
 
 def _is_cost(value: Any) -> bool:
-    return isinstance(value, _WindowCost) and type(value) is not _WindowCost
+    return type(value) in (*COSTS.values(), *PIXEL_COSTS.values())
 
 
-def _cost_named(name: str) -> type[Cost]:
-    if name.lower() not in COSTS:
-        raise ValueError(
-            f"cost must be one of {', '.join(COSTS)}, not {name!r}{_nearest(name.lower(), COSTS)}"
-        )
-    return COSTS[name.lower()]
+def _cost_named(name: str, before: Cost | None = None) -> Cost:
+    """A cost by its name; one of windows keeps the window of the one before."""
+    kind = name.partition("(")[0].strip().lower()
+    known = (*COSTS, *PIXEL_COSTS)
+    if kind not in known:
+        raise ValueError(f"cost must be one of {', '.join(known)}, not {name!r}{_nearest(kind, known)}")
+    if kind in PIXEL_COSTS:
+        return cost_of(name)
+    if kind != name.strip().lower():
+        raise ValueError(f"cost must be {kind} alone, with its window apart, not {name!r}")
+    return COSTS[kind](window=before.window) if isinstance(before, _WindowCost) else COSTS[kind]()
+
+
+def _resized(cost: Cost, sizes: Mapping[str, Any]) -> Cost:
+    parts = [field.name for field in dataclasses.fields(cost)]
+    for name in sizes:
+        if name not in parts:
+            raise ValueError(f"cost={type(cost).__name__} has no {name}; it has {', '.join(parts)}")
+    return dataclasses.replace(cost, **sizes)
 
 
 def _is_optimizer(value: Any) -> bool:
@@ -410,9 +445,9 @@ def _checked(name: str, value: Any) -> Any:
             return None if value is None else as_disparities(value)
         case "cost":
             if isinstance(value, str):
-                return _cost_named(value)()
+                return _cost_named(value)
             if not _is_cost(value):
-                costs = ", ".join(cost.__name__ for cost in COSTS.values())
+                costs = ", ".join(cost.__name__ for cost in (*COSTS.values(), *PIXEL_COSTS.values()))
                 raise TypeError(f"cost must be one of {costs}, not {value!r}")
         case "optimize":
             if isinstance(value, str):
@@ -533,6 +568,17 @@ def _check_paths(settings: Settings) -> None:
             "upsample goes with box windows alone: not with a support as window, slant, extra_windows, "
             "optimize, step or disparity_step"
         )
+    if isinstance(settings.cost, Pixelwise):
+        if merged or settings.upsample is not None:
+            raise ValueError(
+                f"cost must be one of {', '.join(COSTS)} with slant, extra_windows and upsample, "
+                f"not {name_of(settings.cost)}"
+            )
+        if settings.channels == "separate" and settings.cost.largest(channels=3) >= WORST:
+            raise ValueError(
+                f"cost must sum to at most {WORST - 1} over three channels, which 16 bits hold, not "
+                f"{settings.cost!r}: its box must be smaller, or channels grey"
+            )
     if settings.optimize is not None and sampled:
         raise ValueError("optimize must be None where step or disparity_step is more than 1")
 
@@ -572,7 +618,9 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "window" | "refine_window":
+        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "refine_window":
+            return text
+        case "window" | "aggregation":
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()

@@ -26,7 +26,7 @@ def uniqueness(cost: npt.NDArray[Any], second: npt.NDArray[Any], perfect: float,
     margin : float
         Percent.
     """
-    none = np.iinfo(second.dtype).max if second.dtype.kind == "i" else np.inf
+    none = np.iinfo(second.dtype).max if second.dtype.kind in "iu" else np.inf
     excess = second.astype(np.float64) - perfect
     return (second < none) & (excess <= (cost.astype(np.float64) - perfect) * (1 + margin / 100))
 

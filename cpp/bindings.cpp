@@ -749,6 +749,7 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.attr("most_aggregated_bits") = kMostAggregatedBits;
   m.def("sgm_sums", sgm_volume);
   m.def("sgm_census", sgm_match);
 }

@@ -61,7 +61,7 @@ struct PathRow {
   const Lane* from[kPathsAtOnce];   // path k's costs at the pixel before pixel x, at [x * room]
   Lane* to[kPathsAtOnce];           // its costs at pixel x, at [x * room]
   const uint32_t* least[kPathsAtOnce];  // the least of those at `from`, at [x * kPathsAtOnce]
-  uint32_t* least_to;                   // of those at `to`, one a path, at [x * kPathsAtOnce + k]
+  uint32_t* least_to;                   // of those at `to`, in every lane of the word at [x * kPathsAtOnce + k]
   const Lane* second[kPathsAtOnce];     // P2 at pixel x
   Lane first;                           // P1
   Lane* line;                           // scratch, 2 * room

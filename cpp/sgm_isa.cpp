@@ -80,6 +80,13 @@ struct Of<uint8_t> {
   }
   static STEREOPSIS_INLINE Vec set(uint8_t v) { return STEREOPSIS_V(set1_epi8)(static_cast<char>(v)); }
   static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu8)(a, b); }
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec) { return _mm512_mask_min_epu8(a, ~1ull, a, b); }
+  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec) { return _mm512_mask_min_epu8(a, ~0ull >> 1, a, b); }
+#else
+  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
+  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
+#endif
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi8)(a, b); }
   static STEREOPSIS_INLINE Vec add_most(Vec a, Vec b) { return STEREOPSIS_V(adds_epu8)(a, b); }
   static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi8)(a, b); }
@@ -87,7 +94,8 @@ struct Of<uint8_t> {
   static STEREOPSIS_INLINE Vec one_down(Vec a, Vec after) { return STEREOPSIS_V(alignr_epi8)(parts_after(a, after), a, 1); }
   static STEREOPSIS_INLINE __m128i least_of_word(__m128i v) {
     const __m128i half = _mm_min_epu8(v, _mm_srli_epi32(v, 16));
-    return _mm_and_si128(_mm_min_epu8(half, _mm_srli_epi32(half, 8)), _mm_set1_epi32(255));
+    return _mm_shuffle_epi8(_mm_min_epu8(half, _mm_srli_epi32(half, 8)),
+                            _mm_setr_epi8(0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12));
   }
 };
 template <>
@@ -104,17 +112,35 @@ struct Of<uint16_t> {
   }
   static STEREOPSIS_INLINE Vec set(uint16_t v) { return STEREOPSIS_V(set1_epi16)(static_cast<short>(v)); }
   static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu16)(a, b); }
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec) { return _mm512_mask_min_epu16(a, ~1u, a, b); }
+  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec) { return _mm512_mask_min_epu16(a, ~0u >> 1, a, b); }
+#else
+  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
+  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
+#endif
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi16)(a, b); }
   static STEREOPSIS_INLINE Vec add_most(Vec a, Vec b) { return STEREOPSIS_V(adds_epu16)(a, b); }
   static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi16)(a, b); }
   static STEREOPSIS_INLINE Vec one_up(Vec before, Vec a) { return STEREOPSIS_V(alignr_epi8)(a, parts_before(before, a), 14); }
   static STEREOPSIS_INLINE Vec one_down(Vec a, Vec after) { return STEREOPSIS_V(alignr_epi8)(parts_after(a, after), a, 2); }
   static STEREOPSIS_INLINE __m128i least_of_word(__m128i v) {
-    return _mm_and_si128(_mm_min_epu16(v, _mm_srli_epi32(v, 16)), _mm_set1_epi32(65535));
+    return _mm_shuffle_epi8(_mm_min_epu16(v, _mm_srli_epi32(v, 16)),
+                            _mm_setr_epi8(0, 1, 0, 1, 4, 5, 4, 5, 8, 9, 8, 9, 12, 13, 12, 13));
   }
 };
 
-// The least lane of each of four vectors, in four words.
+// A word of four, throughout a vector.
+template <int K>
+static STEREOPSIS_INLINE Vec word_of(__m128i v) {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  return _mm512_permutexvar_epi32(_mm512_set1_epi32(K), _mm512_castsi128_si512(v));
+#else
+  return _mm256_permutevar8x32_epi32(_mm256_castsi128_si256(v), _mm256_set1_epi32(K));
+#endif
+}
+
+// The least lane of each of four vectors, in a word each, which it fills.
 template <class Lane>
 static STEREOPSIS_INLINE __m128i leasts(const Vec* v) {
   using L = Of<Lane>;
@@ -189,13 +215,14 @@ static void paths_of(const PathRow<Lane>& given) {
   for (int n = 0; n < row.width; ++n, x += row.step) {
     const ptrdiff_t at = x * room;
     const Lane* const costs = row.costs + at;
-    Vec least[N], limit[N], lowest[4] = {all_ones, all_ones, all_ones, all_ones};
+    Vec least[N], limit[N], lowest[4];
+    for (int k = N; k < 4; ++k) lowest[k] = all_ones;
     const Lane* from[N];
     Lane* to[N];
     unrolled<above>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
       from[k] = row.from[k] + at;
       to[k] = row.to[k] + at;
-      least[k] = L::broadcast(row.least[k] + x * kPathsAtOnce);
+      least[k] = STEREOPSIS_V(set1_epi32)(static_cast<int>(row.least[k][x * kPathsAtOnce]));
       limit[k] = L::add(least[k], Guided ? L::broadcast(row.second[k] + x) : p2);
     });
     if constexpr (Along) {
@@ -221,14 +248,21 @@ static void paths_of(const PathRow<Lane>& given) {
           a = load(from[k] + i);
           below = load(from[k] + i - 1);
           beyond = load(from[k] + i + 1);
-          if (is_first) below = either(below, before_first);
-          if (is_last) beyond = either(beyond, after_last);
         }
-        const Vec stepped = L::add_most(L::min(below, beyond), p1);
+        Vec next;
+        if (is_first && is_last)
+          next = L::min(either(below, before_first), either(beyond, after_last));
+        else if (is_first)
+          next = L::min_but_first(beyond, below, before_first);
+        else if (is_last)
+          next = L::min_but_last(below, beyond, after_last);
+        else
+          next = L::min(below, beyond);
+        const Vec stepped = L::add_most(next, p1);
         a = L::min(L::min(a, stepped), limit[k]);
         a = L::add(L::sub(a, least[k]), cost);
         if (is_last) a = either(a, no_candidate);
-        lowest[k] = L::min(lowest[k], a);
+        lowest[k] = is_first ? a : L::min(lowest[k], a);
         t[k] = a;
         if constexpr (Along && k == N - 1)
           store(line + i, a);
@@ -246,7 +280,7 @@ static void paths_of(const PathRow<Lane>& given) {
       for (int v = 0; v < vectors; ++v) block(v);
     const __m128i found = leasts<Lane>(lowest);
     _mm_storeu_si128(reinterpret_cast<__m128i*>(row.least_to + x * kPathsAtOnce), found);
-    if constexpr (Along) line_least = L::broadcast(_mm_srli_si128(found, 4 * (N - 1)));
+    if constexpr (Along) line_least = word_of<N - 1>(found);
   }
 }
 
@@ -461,7 +495,7 @@ static void paths(const PathRow<Lane>& row) {
     };
     for (int k = 0; k < row.above; ++k) {
       row.least_to[x * kPathsAtOnce + k] = step_path(row.from[k] + at, row.to[k] + at, row.costs + at, row.no_candidate, room,
-                                                     static_cast<int>(row.least[k][x * kPathsAtOnce]), row.first, row.second[k][x]);
+                                                     static_cast<Lane>(row.least[k][x * kPathsAtOnce]), row.first, row.second[k][x]);
       add(row.to[k] + at);
     }
     if (row.along) {

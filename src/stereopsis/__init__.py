@@ -28,6 +28,7 @@ from stereopsis.optimize import (
 from stereopsis.pipeline import estimate_disparities, estimate_vertical, match
 from stereopsis.pixelwise import BirchfieldTomasi, Census, Combined, Gradient, MutualInformation, Rank
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
+from stereopsis.sgm import SGM
 from stereopsis.sparsification import Sparsification, sparsification
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.types import Calibration, Disparities, Flag, Pair, Result, Vertical
@@ -39,6 +40,7 @@ __all__ = [
     "NCC",
     "PRESETS",
     "SAD",
+    "SGM",
     "SSD",
     "TRWS",
     "ZNCC",

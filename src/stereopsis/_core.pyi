@@ -390,3 +390,44 @@ def align_intervals(
     threads: int,
     /,
 ) -> None: ...
+
+most_aggregated_bits: int
+
+def sgm_sums(
+    costs: npt.NDArray[np.uint16],
+    first: int,
+    paths: int,
+    most: int,
+    p1: int,
+    p2: _I32,
+    guide: _U8 | None,
+    sums: npt.NDArray[np.uint16],
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def sgm_census(
+    left: npt.NDArray[np.uint64],
+    right: npt.NDArray[np.uint64],
+    bits: int,
+    aggregated: bool,
+    unit: int,
+    first: int,
+    count: int,
+    shift: npt.NDArray[np.int16] | None,
+    paths: int,
+    most: int,
+    p1: int,
+    p2: _I32,
+    guide: _U8 | None,
+    subpixel: int,
+    left_right: float | None,
+    uniqueness: float | None,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    winning_cost: _F32 | None,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...

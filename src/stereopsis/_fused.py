@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core, _gaussian
-from stereopsis.cost import KINDS, Pixels, fits_narrow
+from stereopsis import _core, _gaussian, pixelwise, sgm
+from stereopsis.cost import KINDS, Pixels, fits_narrow, grey
 from stereopsis.types import Disparities
 
 ENVIRONMENT = "STEREOPSIS_INSTRUCTIONS"
@@ -148,3 +148,82 @@ def match_gaussian(
 def serves_gaussian(kind: str, pair: Pixels) -> bool:
     """Whether `match_gaussian` takes this cost and these pixels."""
     return bool(kind != "zsad" and pair.left.dtype == np.uint8)
+
+
+def guide_of(pair: Pixels) -> npt.NDArray[np.uint8]:
+    """The left image in 256 grey levels, (H, W)."""
+    left, _ = pixelwise.levels(pair.left, pair.right)
+    return np.ascontiguousarray((grey(left) if left.shape[2] == 3 else left)[..., 0])
+
+
+def serves_sgm(cost: Any, pair: Pixels, settings: sgm.SGM, disparities: Disparities) -> bool:
+    """Whether `match_sgm` takes this cost, these pixels and these settings."""
+    if not isinstance(cost, pixelwise.Census) or settings.more_global or pair.left.shape[2] != 1:
+        return False
+    bits, unit = cost.most, settings.unit_for(cost.largest(), whole=True)
+    fits = cost.box == (1, 1) or (cost.box == (3, 3) and bits <= _core.most_aggregated_bits)
+    return bool(fits and 1 <= unit <= 2**15 and disparities.span < 2**15)
+
+
+def match_sgm(
+    cost: pixelwise.Census,
+    pair: Pixels,
+    disparities: Disparities,
+    settings: sgm.SGM,
+    subpixel: str | None,
+    left_right: float | None,
+    uniqueness: float | None,
+    threads: int,
+    shift: npt.NDArray[np.int16] | None = None,
+    winning_cost: npt.NDArray[np.float32] | None = None,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Disparity, confidence and flags, (H, W) each, of semi-global matching with census costs.
+
+    No volume is held, but two dozen rows of it. Some candidate of the range has to be in view.
+
+    Parameters
+    ----------
+    cost : Census
+        Of single pixels or of boxes of 3 x 3.
+    pair : Pixels
+        One channel.
+    disparities : Disparities
+    settings : SGM
+    subpixel, left_right, uniqueness, threads
+        As in `Settings`.
+    shift : ndarray of int16, (H, W), optional
+        A sheared volume: candidate i of pixel p means the disparity ``disparities.min + i + shift[p]``, and
+        paths compare neighbours of equal i.
+    winning_cost : ndarray of float32, (H, W), optional
+        Receives the winner's sum, in units; infinity where no candidate is in view.
+    """
+    shape: tuple[int, ...] = pair.left.shape[:2]
+    disparity, confidence = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    flags = np.empty(shape, np.uint8)
+    left, right = (pixelwise.census(image[..., 0], cost.comparisons, threads) for image in pair[:2])
+    unit = settings.unit_for(cost.largest(), whole=True)
+    _core.sgm_census(
+        left,
+        right,
+        cost.most,
+        cost.box != (1, 1),
+        int(unit).bit_length() - 1,
+        disparities.min,
+        disparities.span,
+        shift,
+        settings.paths,
+        sgm.most_units(cost.largest(), unit),
+        min(settings.first_penalty(unit), sgm.LARGEST_SUM),
+        settings.second_penalties(unit),
+        None if settings.contrast is None else guide_of(pair),
+        SUBPIXEL.index(subpixel),
+        left_right,
+        None if uniqueness is None else 1 + uniqueness / 100,
+        disparity,
+        confidence,
+        flags,
+        winning_cost,
+        threads,
+        os.environ.get(ENVIRONMENT, ""),
+    )
+    return disparity, confidence, flags

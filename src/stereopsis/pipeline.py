@@ -26,6 +26,7 @@ from stereopsis import (
     refine,
     select,
     settings,
+    sgm,
     sky,
     slant,
     upsample,
@@ -60,7 +61,7 @@ def match(
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
     vertical: str | float | tuple[float, float, float] | None = UNSET,
-    optimize: optimize.Optimizer | str | None = UNSET,
+    optimize: optimize.Optimizer | sgm.SGM | str | None = UNSET,
     slant: str | None = UNSET,
     extra_windows: tuple[Window, ...] = UNSET,
     subpixel: str | None = UNSET,
@@ -266,6 +267,8 @@ def _stream(
     """Cost, aggregation, selection, checks and fit at once, without a cost volume."""
     kind, support = _kind(chosen), chosen.cost.support
     others = _fit(chosen.subpixel), chosen.left_right, chosen.uniqueness, chosen.threads
+    if isinstance(chosen.optimize, sgm.SGM) and isinstance(chosen.cost, pixelwise.Census):
+        return _fused.match_sgm(chosen.cost, pixels, seen, chosen.optimize, *others)
     if isinstance(support, Gaussian):
         return _fused.match_gaussian(kind, pixels, seen, support.sigma, support.truncate, *others)
     return _fused.match(kind, pixels, seen, chosen.cost.size, *others)
@@ -352,6 +355,11 @@ def _compose(
                 volume, guide, solver.smoothness, window, unit / mean, threads, into
             )
         solver, unit = None, 1.0
+    perfect = -1.0 if kind in ("ncc", "zncc") else 0.0
+    if isinstance(solver, sgm.SGM):
+        with _timed(timings, "optimize"):
+            volume = _path_sums(volume, pixels, chosen, solver, seen, perfect, unit)
+        solver, unit, perfect = None, 1.0, 0.0
 
     if solver is None:
         with _timed(timings, "select"):
@@ -366,7 +374,6 @@ def _compose(
             if chosen.left_right is not None or "right_disparity" in chosen.keep:
                 right = optimize.solve(optimize.right_view(volume, seen.min, threads), solver, threads).index
 
-    perfect = -1.0 if kind in ("ncc", "zncc") else 0.0
     around = winners.cost, winners.before, winners.after
     flags = np.zeros(winners.index.shape, np.uint8)
     with _timed(timings, "refine"):
@@ -396,6 +403,26 @@ def _compose(
         nearest = np.ix_(_nearest(height, sampling.step), _nearest(width, sampling.step))
         return disparity[nearest], confidence[nearest], flags[nearest]
     return disparity, confidence, flags
+
+
+def _path_sums(
+    volume: npt.NDArray[Any],
+    pixels: cost.Pixels,
+    chosen: Settings,
+    solver: sgm.SGM,
+    seen: Disparities,
+    perfect: float,
+    unit: float,
+) -> npt.NDArray[np.uint16]:
+    """The volume of semi-global matching."""
+    largest = 2.0 if perfect else sgm.largest_in_view(volume, perfect, unit)
+    if isinstance(chosen.cost, pixelwise.Pixelwise):
+        largest = chosen.cost.largest(pixels.left.shape[2])
+    step = solver.unit_for(largest, whole=volume.dtype.kind in "iu" and unit == 1)
+    costs = sgm.quantised(volume, perfect, unit, step, largest)
+    most = sgm.most_units(largest, step)
+    guide = None if solver.contrast is None else _fused.guide_of(pixels)
+    return sgm.sums(costs, seen.min, solver, step, most, guide, chosen.threads)
 
 
 def _volume(
@@ -444,7 +471,11 @@ def _first_labels(
 
 def _streams(chosen: Settings, pixels: cost.Pixels) -> bool:
     """Whether the streaming path serves these settings."""
-    if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY or chosen.optimize is not None:
+    if COMPOSED_ONLY & set(chosen.keep) or _sampling(chosen) != EVERY:
+        return False
+    if isinstance(chosen.optimize, sgm.SGM):
+        return _fused.serves_sgm(chosen.cost, pixels, chosen.optimize, cast(Disparities, chosen.disparities))
+    if chosen.optimize is not None:
         return False
     if isinstance(chosen.cost, pixelwise.Pixelwise):
         return False

@@ -26,6 +26,7 @@ from stereopsis.optimize import (
 )
 from stereopsis.pixelwise import PIXEL_COSTS, WORST, Pixelwise, cost_of, name_of
 from stereopsis.pixelwise import PixelCost as PixelCost
+from stereopsis.sgm import SGM
 from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
 from stereopsis.types import Disparities, Vertical
 
@@ -96,7 +97,7 @@ Cost: TypeAlias = WindowCost | PixelCost
 COSTS: Mapping[str, type[WindowCost]] = MappingProxyType(
     {"sad": SAD, "ssd": SSD, "zsad": ZSAD, "zssd": ZSSD, "ncc": NCC, "zncc": ZNCC}
 )
-OPTIMIZERS: Mapping[str, type[Optimizer]] = MappingProxyType(
+OPTIMIZERS: Mapping[str, type[Optimizer | SGM]] = MappingProxyType(
     {
         "second-pass": SecondPass,
         "icm": ICM,
@@ -104,6 +105,7 @@ OPTIMIZERS: Mapping[str, type[Optimizer]] = MappingProxyType(
         "trws": TRWS,
         "expansion": Expansion,
         "swap": Swap,
+        "sgm": SGM,
     }
 )
 OPTIMIZER_PARTS: Mapping[str, str] = MappingProxyType(
@@ -114,6 +116,13 @@ OPTIMIZER_PARTS: Mapping[str, str] = MappingProxyType(
         "optimize_iterations": "iterations",
         "optimize_levels": "levels",
         "optimize_data": "data",
+        "optimize_paths": "paths",
+        "optimize_p1": "p1",
+        "optimize_p2": "p2",
+        "optimize_p2_min": "p2_min",
+        "optimize_contrast": "contrast",
+        "optimize_unit": "unit",
+        "optimize_more_global": "more_global",
     }
 )
 """What an optimizer and its smoothness are made of, by the names that these have in a text."""
@@ -147,9 +156,8 @@ class Settings:
     vertical : {"estimate"}, float, (float, float, float) or None
         Undo what the right image lies too low, before anything else: pixels that are known, over the whole
         image or as a `Vertical` (in the middle, gained from left to right, gained from top to bottom), or
-        "estimate": found from the images, and told by the result's settings. None: the images as they are.
-    optimize : SecondPass, ICM, BeliefPropagation, TRWS, Expansion, Swap or None
-        How neighbours' labels are made to agree, with its smoothness. None: the plain winners.
+    optimize : SecondPass, ICM, BeliefPropagation, TRWS, Expansion, Swap, SGM or None
+        How neighbours' labels are made to agree, with its smoothness or penalties. None: the plain winners.
     slant : {"road", "planes"} or None
         Windows are also matched along the ground, or along the ground and further planes, which are fitted
         to a first map; for each pixel the better match wins. None: fronto-parallel windows alone.
@@ -210,7 +218,7 @@ class Settings:
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
     vertical: Vertical | Literal["estimate"] | None = None
-    optimize: Optimizer | None = None
+    optimize: Optimizer | SGM | None = None
     slant: Literal["road", "planes"] | None = None
     extra_windows: tuple[tuple[int, int], ...] = ()
     subpixel: Subpixel | None = "parabola"
@@ -400,18 +408,19 @@ def _is_optimizer(value: Any) -> bool:
     return type(value) in OPTIMIZERS.values()
 
 
-def _name_of(solver: Optimizer) -> str:
+def _name_of(solver: Optimizer | SGM) -> str:
     return next(name for name, kind in OPTIMIZERS.items() if kind is type(solver))
 
 
-def _parts_of(solver: Optimizer) -> dict[str, Any]:
+def _parts_of(solver: Optimizer | SGM) -> dict[str, Any]:
     """A solver's parts, under the names that they have in a text."""
     values = {field.name: getattr(solver, field.name) for field in dataclasses.fields(solver)}
-    values |= dataclasses.asdict(values.pop("smoothness"))
+    if "smoothness" in values:
+        values |= dataclasses.asdict(values.pop("smoothness"))
     return {name: values[part] for name, part in OPTIMIZER_PARTS.items() if part in values}
 
 
-def _optimizer(chosen: Any, before: Optimizer | None, parts: Mapping[str, Any]) -> Optimizer:
+def _optimizer(chosen: Any, before: Optimizer | SGM | None, parts: Mapping[str, Any]) -> Optimizer | SGM:
     """A solver by its name, or as it is, with other parts; by its name it keeps the smoothness set before."""
     if chosen is None:
         raise ValueError(
@@ -427,18 +436,20 @@ def _optimizer(chosen: Any, before: Optimizer | None, parts: Mapping[str, Any]) 
         kind = OPTIMIZERS[name]
         values = {} if before is None else _parts_of(before)
         if kind is not type(before):
-            values = {part: value for part, value in values.items() if part.startswith("smoothness")}
+            values = {} if kind is SGM else {k: v for k, v in values.items() if k.startswith("smoothness")}
     elif _is_optimizer(chosen):
         kind, values = type(chosen), _parts_of(chosen)
     else:
-        return cast("Optimizer", chosen)  # which is refused where all settings are
+        return cast("Optimizer | SGM", chosen)  # which is refused where all settings are
     known = _parts_of(kind())
     for part in parts:
         if part not in known:
             raise ValueError(f"optimize={_name_of(kind())} has no {part}; it has {', '.join(known)}")
     values = {OPTIMIZER_PARTS[part]: value for part, value in {**known, **values, **parts}.items()}
+    if kind is SGM:
+        return SGM(**values)
     smoothness = Smoothness(*(values.pop(part) for part in ("norm", "weight", "truncation")))
-    return kind(smoothness, **values)
+    return cast("Optimizer", kind(smoothness, **values))
 
 
 def _checked(name: str, value: Any) -> Any:
@@ -595,6 +606,12 @@ def _check_paths(settings: Settings) -> None:
                 f"cost must sum to at most {WORST - 1} over three channels, which 16 bits hold, not "
                 f"{settings.cost!r}: its box must be smaller, or channels grey"
             )
+    if isinstance(settings.optimize, SGM) and settings.cost.support is None:
+        channels = 3 if settings.channels == "separate" else 1
+        if isinstance(settings.cost, Pixelwise):
+            settings.optimize.unit_for(settings.cost.largest(channels), whole=True)
+        elif isinstance(settings.cost, NCC | ZNCC):
+            settings.optimize.unit_for(2.0, whole=False)
     if settings.optimize is not None and sampled:
         raise ValueError("optimize must be None where step or disparity_step is more than 1")
 
@@ -640,6 +657,10 @@ def _from_text(name: str, text: str) -> Any:
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()
+        case "optimize_more_global":
+            if text.lower() not in ("on", "true"):
+                raise ValueError(f"{name} must be on or off, not {text!r}")
+            return True
         case "upsample":
             factor, _, how = text.partition(",")
             return number(factor), how.strip()

@@ -2,11 +2,11 @@
 
 python benchmarks/costs.py FOLDER... [--pairs N] [--cost TEXT]... [--disparities MIN:MAX] [--threads N]
 
-Every cost sees about as much as a 9 x 9 box of single pixels does: no smoothing, no check, no filter; a
-parabola through the best cost. A cost is written as --set takes it, such as "census(9x7,aggregation=9)" or
-"zncc 9". Printed is GitHub Markdown: of all known pixels the share that is wrong (D1: by more than 3 pixels and
-5 %), the share within a pixel, the RMSE, and the mean seconds of a pair. The pairs are spread evenly over the
-benchmark; pixels that only the left camera sees do not count where it tells them apart.
+No smoothing, no check, no filter; a parabola through the best cost. A cost is written as --set takes it, such
+as "census(9x7,aggregation=9)", or "zncc 9" with the window of a cost of windows. Printed is Markdown: of
+all known pixels the share that is wrong (D1: by more than 3 pixels and 5 %), that within a pixel, the RMSE,
+and the mean seconds of a pair. The pairs are spread evenly over the benchmark; pixels that only the left camera
+sees do not count where it tells them apart.
 """
 
 from __future__ import annotations

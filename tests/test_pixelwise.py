@@ -7,7 +7,7 @@ from hypothesis import strategies as some
 
 import stereopsis as st
 from reference import pixelwise as reference
-from stereopsis import cost, information, pixelwise
+from stereopsis import cost, information, optimize, pixelwise, refine, select, validate
 from stereopsis._fused import ENVIRONMENT, instruction_sets
 from stereopsis.types import Disparities
 
@@ -211,15 +211,99 @@ def test_strings_of_any_image(images, window, pattern):
 
 
 @pytest.mark.parametrize("instructions", instruction_sets())
-@pytest.mark.parametrize(
-    "cost", [st.Census(5), st.Census((9, 7), aggregation=3), st.Census(11, aggregation=(5, 1))]
-)
-def test_every_instruction_set(monkeypatch, instructions, cost):
-    rng = np.random.default_rng(4)
-    left, right = (rng.integers(0, 256, (7, 333, 1), np.uint8) for _ in range(2))
-    expected = pixelwise.volume(cost, left, right, Disparities(-3, 134))
-    monkeypatch.setenv(ENVIRONMENT, instructions)
-    np.testing.assert_array_equal(pixelwise.volume(cost, left, right, Disparities(-3, 134)), expected)
+def test_every_instruction_set(monkeypatch, instructions):
+    left, right = bytes_of(4, (7, 333, 1)), bytes_of(5, (7, 333, 1))
+    for each in (st.Census(5), st.Census(11, aggregation=(5, 1)), *EVERY_COST):
+        volumes = []
+        for forced in (instruction_sets()[0], instructions):
+            monkeypatch.setenv(ENVIRONMENT, forced)
+            volumes.append(pixelwise.volume(each, left, right, Disparities(-3, 134), 2, TABLES))
+        np.testing.assert_array_equal(*volumes)
+
+
+# ---- volumes of 16 bits in the stages after --------------------------------------------------------
+
+
+def wider(volume):
+    """The same costs as int64."""
+    worst = np.iinfo(np.int64).max
+    return np.where(volume == pixelwise.WORST, worst, volume.astype(np.int64))
+
+
+@given(seed=SEEDS, first=some.integers(-8, 8), threads=some.sampled_from([1, 3]))
+@settings(max_examples=30, deadline=None)
+def test_winners_are_those_of_wider_costs(seed, first, threads):
+    left, right = bytes_of(seed, (4, 7, 1)) % 3, bytes_of(seed + 1, (4, 7, 1)) % 3
+    volume = pixelwise.volume(st.Census(3), left, right, Disparities(first, first + 6))
+    small, wide = (select.left(costs, first, threads) for costs in (volume, wider(volume)))
+    np.testing.assert_array_equal(small.index, wide.index)
+    for name in ("cost", "before", "after", "second"):
+        assert getattr(small, name).dtype == np.uint16
+        np.testing.assert_array_equal(wider(getattr(small, name)), getattr(wide, name))
+    for fit in ("parabola", "equiangular"):
+        offsets = [refine.subpixel(fit, w.cost, w.before, w.after) for w in (small, wide)]
+        np.testing.assert_array_equal(*offsets)
+    confidences = [refine.confidence(0, w.cost, w.before, w.after) for w in (small, wide)]
+    np.testing.assert_array_equal(*confidences)
+    ambiguous = [validate.uniqueness(w.cost, w.second, 0, 10) for w in (small, wide)]
+    np.testing.assert_array_equal(*ambiguous)
+    np.testing.assert_array_equal(select.right(volume, first, threads), select.right(wider(volume), first))
+    index = np.random.default_rng(seed).integers(-1, 6, small.index.shape).astype(np.int32)
+    at = [select.at(costs, index, first) for costs in (volume, wider(volume))]
+    np.testing.assert_array_equal(wider(at[0].before), at[1].before)
+    rises = [refine.subpixel("parabola", w.cost, w.before, w.after) for w in at]  # some of them negative
+    np.testing.assert_array_equal(*rises)
+
+
+def test_solvers_take_costs_of_16_bits():
+    left, right = bytes_of(7, (6, 12, 1)) % 4, bytes_of(8, (6, 12, 1)) % 4
+    volume = pixelwise.volume(st.Census(5), left, right, Disparities(-1, 5))
+    for solver in (optimize.ICM(), optimize.TRWS(), optimize.BeliefPropagation()):
+        small, wide = (optimize.solve(costs, solver) for costs in (volume, wider(volume)))
+        np.testing.assert_array_equal(small.index, wide.index)
+        assert small.energy == wide.energy
+    np.testing.assert_array_equal(
+        wider(optimize.right_view(volume, -1)), optimize.right_view(wider(volume), -1)
+    )
+    guide = select.left(volume, -1).index
+    drawn = [
+        optimize.second_pass(costs, guide, optimize.Smoothness("l2", 0.5), (3, 3))
+        for costs in (volume, wider(volume))
+    ]
+    np.testing.assert_array_equal(*drawn)
+
+
+@pytest.mark.parametrize("solver", ["second-pass", "icm", "trws", "bp"])
+def test_costs_of_pixels_go_through_solvers(solver):
+    scene = st.scenes.plane(80, 40, disparity=5)
+    found = st.match(
+        scene.left,
+        scene.right,
+        disparities=(0, 12),
+        cost=st.Census(aggregation=5),
+        optimize=solver,
+        left_right=1,
+        keep=("costs", "right_disparity"),
+    )
+    assert np.mean(abs(found.disparity[8:-8, 20:-8] - 5) < 0.6) > 0.97
+
+
+def test_steps_take_the_same_costs():
+    left, right = bytes_of(1, (13, 30)), bytes_of(2, (13, 30))
+    common = {"cost": st.Census(5, aggregation=3), "disparities": (-3, 9), "keep": ("costs",)}
+    every = st.match(left, right, **common).stages["costs"]
+    some_of_them = st.match(left, right, step=3, disparity_step=2, **common).stages["costs"]
+    np.testing.assert_array_equal(some_of_them, every[::3, ::3, ::2])
+
+
+def test_candidates_that_nothing_can_see_are_presented():
+    left = right = bytes_of(1, (3, 5))
+    costs = st.match(left, right, cost="census", disparities=(-9, 9), keep=("costs",)).stages["costs"]
+    assert costs.shape == (3, 5, 18)
+    assert (costs[..., [0, 3, -1]] == pixelwise.WORST).all()
+    nothing = st.match(left, right, cost="census", disparities=(20, 22), keep=("costs",))
+    assert nothing.stages["costs"].dtype == np.uint16
+    assert (nothing.flags == st.Flag.OUT_OF_VIEW).all()
 
 
 # ---- invariances ---------------------------------------------------------------------------------

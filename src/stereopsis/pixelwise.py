@@ -250,7 +250,7 @@ class Gradient(_Single):
     """
 
     window: Box = 9
-    truncation: int = 30
+    truncation: int = 60
 
     def __post_init__(self) -> None:
         self._check_whole("truncation", 255)

@@ -432,6 +432,58 @@ def test_pairs_are_taken_apart_channel_by_channel():
         assert np.median(np.diag(table)) < 0.3 * np.median(table)
 
 
+def test_mutual_information_end_to_end():
+    scene = st.scenes.plane(200, 120, disparity=9)
+    right = scene.right if scene.right.ndim == 2 else scene.right.mean(axis=2)
+    left = scene.left if scene.left.ndim == 2 else scene.left.mean(axis=2)
+    # The right camera's response is another one: no sum of differences bears it.
+    bent = np.rint(255 * (right / 255) ** 0.4).astype(np.uint8)
+    found = [
+        st.match(
+            np.rint(left).astype(np.uint8),
+            bent,
+            cost=cost,
+            disparities=(0, 24),
+            left_right=1,
+            threads=threads,
+        )
+        for cost in (st.MutualInformation(), st.BirchfieldTomasi())
+        for threads in (1, 3)
+    ]
+    good = [np.mean(abs(one.disparity[10:-10, 36:-10] - 9) < 0.6) for one in found]
+    assert good[0] > 0.95
+    assert good[2] < 0.8
+    np.testing.assert_array_equal(found[0].disparity, found[1].disparity)
+    assert "information" in found[0].timings
+
+
+def test_what_a_volume_needs():
+    image = np.zeros((4, 5, 3), np.uint8)
+    with pytest.raises(ValueError, match="over 3 channels"):
+        pixelwise.volume(st.Census(11, aggregation=21), image, image, Disparities(0, 2))
+    with pytest.raises(ValueError, match="tables must be given for combined"):
+        pixelwise.volume(
+            st.Combined(st.Census(), 1, st.MutualInformation(), 1), image, image, Disparities(0, 2)
+        )
+
+
+@pytest.mark.parametrize("subpixel", ["symmetric", "lucas-kanade", "lucas-kanade-affine", "equiangular"])
+def test_every_refinement(subpixel):
+    scene = st.scenes.plane(96, 48, disparity=7.3)
+    cost = st.Census(aggregation=5)
+    found = st.match(scene.left, scene.right, disparities=(0, 16), cost=cost, subpixel=subpixel, left_right=1)
+    assert np.nanmedian(abs(found.disparity[8:-8, 24:-8] - 7.3)) < 0.15
+
+
+def test_a_second_pass_may_take_other_data():
+    scene = st.scenes.plane(80, 40, disparity=5)
+    solver = optimize.SecondPass(optimize.Smoothness("l2", 0.5), data="zssd")
+    found = st.match(
+        scene.left, scene.right, disparities=(0, 12), cost=st.Census(5, aggregation=5), optimize=solver
+    )
+    assert np.mean(abs(found.disparity[8:-8, 20:-8] - 5) < 0.6) > 0.95
+
+
 # ---- combinations --------------------------------------------------------------------------------
 
 

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <vector>
 
 #include "parallel.hpp"
 #include "stages.hpp"
@@ -64,9 +65,46 @@ void select_at(const T* volume, int height, int width, int count, int first, con
   });
 }
 
+namespace {
+
+// Of every column and candidate, in the order of the volume: a pixel of the right view meets its candidates in theirs.
+template <class T>
+void select_right(const T* volume, int height, int width, int count, int first, int32_t* index, const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    // By the distance from the last column, so that the candidates of a left pixel follow each other.
+    std::vector<T> least(width);
+    std::vector<int32_t> best(width);
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      for (int t = 0; t < width; ++t) {
+        // The first candidate that the left image shows stands until a better one comes.
+        const int earliest = std::max(0, t + 1 - width - first);
+        best[t] = earliest < count && width - 1 - t + first + earliest < width ? earliest : -1;
+        least[t] = worst_cost<T>();
+      }
+      for (int x = 0; x < width; ++x) {
+        const int shift = width - 1 - x + first, lo = std::max(0, -shift), hi = std::min(count, width - shift);
+        const T* __restrict costs = volume + (static_cast<size_t>(y) * width + x) * count;
+        T* __restrict so_far = least.data();
+        int32_t* __restrict found = best.data();
+        for (int i = lo; i < hi; ++i) {
+          const bool better = costs[i] < so_far[shift + i];
+          so_far[shift + i] = better ? costs[i] : so_far[shift + i];
+          found[shift + i] = better ? i : found[shift + i];
+        }
+      }
+      int32_t* to = index + static_cast<size_t>(y) * width;
+      for (int t = 0; t < width; ++t) to[width - 1 - t] = best[t];
+    }
+  });
+}
+
+}  // namespace
+
 template <class T>
 void select_right(const T* volume, int height, const Lattice& lattice, int count, int first, int32_t* index,
                   const Workers& workers) {
+  if (lattice.step == 1 && lattice.disparity_step == 1)
+    return select_right(volume, height, lattice.width, count, first, index, workers);
   const int width = lattice.width, columns = sampled(width, lattice.step);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)

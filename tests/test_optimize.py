@@ -143,7 +143,7 @@ def test_an_energy_of_no_candidates(wrong):
         st.energy(disparity, volume, Smoothness())
     with pytest.raises(ValueError, match="disparity must have the volume's shape"):
         st.energy(np.zeros((2, 3)), volume, Smoothness())
-    with pytest.raises(TypeError, match="volume must be an array of int64 or float32, not float64"):
+    with pytest.raises(TypeError, match="volume must be an array of int64, uint16 or float32, not float64"):
         st.energy(np.zeros((2, 2)), volume.astype(float), Smoothness())
     with pytest.raises(ValueError, match="D above 0"):
         st.energy(np.zeros((2, 2)), volume[..., :0], Smoothness())

@@ -7,7 +7,7 @@ from hypothesis import strategies as some
 
 import stereopsis as st
 from reference import pixelwise as reference
-from stereopsis import cost, information, pixelwise
+from stereopsis import cost, information, optimize, pixelwise, refine, select, validate
 from stereopsis._fused import ENVIRONMENT, instruction_sets
 from stereopsis.types import Disparities
 
@@ -211,15 +211,99 @@ def test_strings_of_any_image(images, window, pattern):
 
 
 @pytest.mark.parametrize("instructions", instruction_sets())
-@pytest.mark.parametrize(
-    "cost", [st.Census(5), st.Census((9, 7), aggregation=3), st.Census(11, aggregation=(5, 1))]
-)
-def test_every_instruction_set(monkeypatch, instructions, cost):
-    rng = np.random.default_rng(4)
-    left, right = (rng.integers(0, 256, (7, 333, 1), np.uint8) for _ in range(2))
-    expected = pixelwise.volume(cost, left, right, Disparities(-3, 134))
-    monkeypatch.setenv(ENVIRONMENT, instructions)
-    np.testing.assert_array_equal(pixelwise.volume(cost, left, right, Disparities(-3, 134)), expected)
+def test_every_instruction_set(monkeypatch, instructions):
+    left, right = bytes_of(4, (7, 333, 1)), bytes_of(5, (7, 333, 1))
+    for each in (st.Census(5), st.Census(11, aggregation=(5, 1)), *EVERY_COST):
+        volumes = []
+        for forced in (instruction_sets()[0], instructions):
+            monkeypatch.setenv(ENVIRONMENT, forced)
+            volumes.append(pixelwise.volume(each, left, right, Disparities(-3, 134), 2, TABLES))
+        np.testing.assert_array_equal(*volumes)
+
+
+# ---- volumes of 16 bits in the stages after --------------------------------------------------------
+
+
+def wider(volume):
+    """The same costs as int64."""
+    worst = np.iinfo(np.int64).max
+    return np.where(volume == pixelwise.WORST, worst, volume.astype(np.int64))
+
+
+@given(seed=SEEDS, first=some.integers(-8, 8), threads=some.sampled_from([1, 3]))
+@settings(max_examples=30, deadline=None)
+def test_winners_are_those_of_wider_costs(seed, first, threads):
+    left, right = bytes_of(seed, (4, 7, 1)) % 3, bytes_of(seed + 1, (4, 7, 1)) % 3
+    volume = pixelwise.volume(st.Census(3), left, right, Disparities(first, first + 6))
+    small, wide = (select.left(costs, first, threads) for costs in (volume, wider(volume)))
+    np.testing.assert_array_equal(small.index, wide.index)
+    for name in ("cost", "before", "after", "second"):
+        assert getattr(small, name).dtype == np.uint16
+        np.testing.assert_array_equal(wider(getattr(small, name)), getattr(wide, name))
+    for fit in ("parabola", "equiangular"):
+        offsets = [refine.subpixel(fit, w.cost, w.before, w.after) for w in (small, wide)]
+        np.testing.assert_array_equal(*offsets)
+    confidences = [refine.confidence(0, w.cost, w.before, w.after) for w in (small, wide)]
+    np.testing.assert_array_equal(*confidences)
+    ambiguous = [validate.uniqueness(w.cost, w.second, 0, 10) for w in (small, wide)]
+    np.testing.assert_array_equal(*ambiguous)
+    np.testing.assert_array_equal(select.right(volume, first, threads), select.right(wider(volume), first))
+    index = np.random.default_rng(seed).integers(-1, 6, small.index.shape).astype(np.int32)
+    at = [select.at(costs, index, first) for costs in (volume, wider(volume))]
+    np.testing.assert_array_equal(wider(at[0].before), at[1].before)
+    rises = [refine.subpixel("parabola", w.cost, w.before, w.after) for w in at]  # some of them negative
+    np.testing.assert_array_equal(*rises)
+
+
+def test_solvers_take_costs_of_16_bits():
+    left, right = bytes_of(7, (6, 12, 1)) % 4, bytes_of(8, (6, 12, 1)) % 4
+    volume = pixelwise.volume(st.Census(5), left, right, Disparities(-1, 5))
+    for solver in (optimize.ICM(), optimize.TRWS(), optimize.BeliefPropagation()):
+        small, wide = (optimize.solve(costs, solver) for costs in (volume, wider(volume)))
+        np.testing.assert_array_equal(small.index, wide.index)
+        assert small.energy == wide.energy
+    np.testing.assert_array_equal(
+        wider(optimize.right_view(volume, -1)), optimize.right_view(wider(volume), -1)
+    )
+    guide = select.left(volume, -1).index
+    drawn = [
+        optimize.second_pass(costs, guide, optimize.Smoothness("l2", 0.5), (3, 3))
+        for costs in (volume, wider(volume))
+    ]
+    np.testing.assert_array_equal(*drawn)
+
+
+@pytest.mark.parametrize("solver", ["second-pass", "icm", "trws", "bp"])
+def test_costs_of_pixels_go_through_solvers(solver):
+    scene = st.scenes.plane(80, 40, disparity=5)
+    found = st.match(
+        scene.left,
+        scene.right,
+        disparities=(0, 12),
+        cost=st.Census(aggregation=5),
+        optimize=solver,
+        left_right=1,
+        keep=("costs", "right_disparity"),
+    )
+    assert np.mean(abs(found.disparity[8:-8, 20:-8] - 5) < 0.6) > 0.97
+
+
+def test_steps_take_the_same_costs():
+    left, right = bytes_of(1, (13, 30)), bytes_of(2, (13, 30))
+    common = {"cost": st.Census(5, aggregation=3), "disparities": (-3, 9), "keep": ("costs",)}
+    every = st.match(left, right, **common).stages["costs"]
+    some_of_them = st.match(left, right, step=3, disparity_step=2, **common).stages["costs"]
+    np.testing.assert_array_equal(some_of_them, every[::3, ::3, ::2])
+
+
+def test_candidates_that_nothing_can_see_are_presented():
+    left = right = bytes_of(1, (3, 5))
+    costs = st.match(left, right, cost="census", disparities=(-9, 9), keep=("costs",)).stages["costs"]
+    assert costs.shape == (3, 5, 18)
+    assert (costs[..., [0, 3, -1]] == pixelwise.WORST).all()
+    nothing = st.match(left, right, cost="census", disparities=(20, 22), keep=("costs",))
+    assert nothing.stages["costs"].dtype == np.uint16
+    assert (nothing.flags == st.Flag.OUT_OF_VIEW).all()
 
 
 # ---- invariances ---------------------------------------------------------------------------------
@@ -346,6 +430,58 @@ def test_pairs_are_taken_apart_channel_by_channel():
     for table in tables:
         # Alike levels belong together.
         assert np.median(np.diag(table)) < 0.3 * np.median(table)
+
+
+def test_mutual_information_end_to_end():
+    scene = st.scenes.plane(200, 120, disparity=9)
+    right = scene.right if scene.right.ndim == 2 else scene.right.mean(axis=2)
+    left = scene.left if scene.left.ndim == 2 else scene.left.mean(axis=2)
+    # The right camera's response is another one: no sum of differences bears it.
+    bent = np.rint(255 * (right / 255) ** 0.4).astype(np.uint8)
+    found = [
+        st.match(
+            np.rint(left).astype(np.uint8),
+            bent,
+            cost=cost,
+            disparities=(0, 24),
+            left_right=1,
+            threads=threads,
+        )
+        for cost in (st.MutualInformation(), st.BirchfieldTomasi())
+        for threads in (1, 3)
+    ]
+    good = [np.mean(abs(one.disparity[10:-10, 36:-10] - 9) < 0.6) for one in found]
+    assert good[0] > 0.95
+    assert good[2] < 0.8
+    np.testing.assert_array_equal(found[0].disparity, found[1].disparity)
+    assert "information" in found[0].timings
+
+
+def test_what_a_volume_needs():
+    image = np.zeros((4, 5, 3), np.uint8)
+    with pytest.raises(ValueError, match="over 3 channels"):
+        pixelwise.volume(st.Census(11, aggregation=21), image, image, Disparities(0, 2))
+    with pytest.raises(ValueError, match="tables must be given for combined"):
+        pixelwise.volume(
+            st.Combined(st.Census(), 1, st.MutualInformation(), 1), image, image, Disparities(0, 2)
+        )
+
+
+@pytest.mark.parametrize("subpixel", ["symmetric", "lucas-kanade", "lucas-kanade-affine", "equiangular"])
+def test_every_refinement(subpixel):
+    scene = st.scenes.plane(96, 48, disparity=7.3)
+    cost = st.Census(aggregation=5)
+    found = st.match(scene.left, scene.right, disparities=(0, 16), cost=cost, subpixel=subpixel, left_right=1)
+    assert np.nanmedian(abs(found.disparity[8:-8, 24:-8] - 7.3)) < 0.15
+
+
+def test_a_second_pass_may_take_other_data():
+    scene = st.scenes.plane(80, 40, disparity=5)
+    solver = optimize.SecondPass(optimize.Smoothness("l2", 0.5), data="zssd")
+    found = st.match(
+        scene.left, scene.right, disparities=(0, 12), cost=st.Census(5, aggregation=5), optimize=solver
+    )
+    assert np.mean(abs(found.disparity[8:-8, 20:-8] - 5) < 0.6) > 0.95
 
 
 # ---- combinations --------------------------------------------------------------------------------

@@ -16,6 +16,7 @@
 
 #include "../dispatch.hpp"
 #include "../parallel.hpp"
+#include "../pixelwise.hpp"
 #include "../stages.hpp"
 
 using namespace stereopsis;
@@ -1417,6 +1418,147 @@ void test_solvers_are_interrupted() {
   stops("tree-reweighted", [&](int32_t* labels) { tree_reweighted(f.grid(), s, 1000, labels, impatient); });
 }
 
+// ---- costs of pixels ---------------------------------------------------------------------------------------------------
+
+template <class T>
+void test_census() {
+  Random random{61};
+  for (int trial = 0; trial < 40; ++trial) {
+    const int H = random.between(1, 5), W = trial % 8 ? random.between(1, 9) : random.between(255, 300);
+    const int n = random.between(1, 128), most = sizeof(T) == 1 ? 4 : 1 << 21;
+    std::vector<T> image(static_cast<size_t>(H) * W);
+    for (T& pixel : image) pixel = static_cast<T>(sizeof(T) == 1 ? random.below(most) : random.between(-most, most));
+    std::vector<CensusPoint> points;
+    for (int k = 0; k < 2 * n; ++k) points.push_back({random.between(-6, 6), random.between(-5, 5)});
+    const auto at = [&](int y, int x) { return image[static_cast<size_t>(clamp(y, 0, H - 1)) * W + clamp(x, 0, W - 1)]; };
+    const size_t plane = image.size(), planes = (n + 63) / 64;
+    std::vector<uint64_t> expected(planes * plane);
+    for (int k = 0; k < n; ++k)
+      for (int y = 0; y < H; ++y)
+        for (int x = 0; x < W; ++x) {
+          const CensusPoint &a = points[2 * k], &b = points[2 * k + 1];
+          const uint64_t darker = at(y + a.dy, x + a.dx) < at(y + b.dy, x + b.dx);
+          expected[k / 64 * plane + static_cast<size_t>(y) * W + x] |= darker << k % 64;
+        }
+    for (const FusedKernel* kernel : available_kernels())
+      for (const int threads : {1, 3}) {
+        std::vector<uint64_t> got(expected.size(), ~uint64_t{0});
+        census<T>(image.data(), H, W, points.data(), n, got.data(), choose_pixelwise(kernel->name),
+                  {threads, [] { return false; }});
+        CHECK(got == expected, text(H) + "x" + text(W) + " " + text(n) + " comparisons " + kernel->name);
+      }
+  }
+}
+
+// A pixel's features, whatever their type.
+using Features = std::vector<int64_t>;
+
+int naive_cost(PixelCost cost, const Features& l, const Features& r, const std::vector<uint8_t>& table) {
+  const auto outside = [](int64_t v, int64_t low, int64_t high) { return std::max({int64_t{0}, v - high, low - v}); };
+  switch (cost) {
+    case PixelCost::census: {
+      int sum = 0;
+      for (size_t p = 0; p < l.size(); ++p)
+        for (int k = 0; k < 64; ++k) sum += ((l[p] ^ r[p]) >> k & 1) != 0;
+      return sum;
+    }
+    case PixelCost::absolute:
+      return static_cast<int>(std::abs(l[0] - r[0]));
+    case PixelCost::vector:
+      return static_cast<int>(std::abs(l[0] - r[0]) + std::abs(l[1] - r[1]));
+    case PixelCost::interval:
+      return static_cast<int>(std::min(outside(l[0], r[1], r[2]), outside(r[0], l[1], l[2])));
+    case PixelCost::table:
+      return table[l[0] * 256 + r[0]];
+  }
+  return 0;
+}
+
+template <class T>
+void test_pixel_costs(Random& random, PixelCost cost, int planes, int bits) {
+  const int H = random.between(1, 5), W = random.between(1, 9), first = random.between(-W - 2, W + 1);
+  const int D = random.below(4) ? random.between(1, 20) : random.between(60, 70);
+  const Window box{2 * random.below(4) + 1, 2 * random.below(3) + 1};
+  const bool add = random.below(2) == 0;
+  const int most = cost == PixelCost::census ? bits : cost == PixelCost::table ? 255 : random.between(1, 255);
+  const size_t plane = static_cast<size_t>(H) * W;
+  std::vector<T> sides[2];
+  for (auto& side : sides) {
+    side.resize(planes * plane);
+    for (size_t k = 0; k < side.size(); ++k) {
+      const uint64_t word = static_cast<uint64_t>(random.next()) << 33 ^ static_cast<uint64_t>(random.next()) << 2 ^ random.next();
+      const int width = cost == PixelCost::census ? std::min(64, bits - static_cast<int>(k / plane) * 64) : 0;
+      side[k] = cost == PixelCost::census ? static_cast<T>(width == 64 ? word : word & ((uint64_t{1} << width) - 1))
+                                          : static_cast<T>(sizeof(T) == 1 ? random.below(256) : random.between(-510, 510));
+    }
+    if (cost == PixelCost::interval)  // the value lies between the bounds
+      for (size_t k = 0; k < plane; ++k) {
+        side[plane + k] = std::min(side[k], side[plane + k]);
+        side[2 * plane + k] = std::max(side[k], side[2 * plane + k]);
+      }
+  }
+  std::vector<uint8_t> table(256 * 256);
+  for (uint8_t& entry : table) entry = static_cast<uint8_t>(random.below(256));
+  std::vector<uint16_t> before(plane * D), expected(plane * D, 65535);
+  for (uint16_t& value : before) value = static_cast<uint16_t>(random.below(1000));
+  const auto features = [&](const std::vector<T>& side, int y, int x) {
+    Features values;
+    for (int p = 0; p < planes; ++p)
+      values.push_back(static_cast<int64_t>(side[p * plane + static_cast<size_t>(clamp(y, 0, H - 1)) * W + clamp(x, 0, W - 1)]));
+    return values;
+  };
+  for (int y = 0; y < H; ++y)
+    for (int x = 0; x < W; ++x)
+      for (int i = 0; i < D; ++i) {
+        const int xr = x - first - i;
+        if (xr < 0 || xr >= W) continue;
+        const size_t at = (static_cast<size_t>(y) * W + x) * D + i;
+        int sum = add ? before[at] : 0;
+        for (int dy = -box.above(); dy <= box.below(); ++dy)
+          for (int dx = -box.left(); dx <= box.right(); ++dx)
+            sum += std::min(most, naive_cost(cost, features(sides[0], y + dy, x + dx), features(sides[1], y + dy, xr + dx), table));
+        expected[at] = static_cast<uint16_t>(sum);
+      }
+  for (const FusedKernel* kernel : available_kernels())
+    for (const int threads : {1, 3}) {
+      std::vector<uint16_t> got = before;
+      const PixelJob job{cost,  sides[0].data(), sides[1].data(), H,   W,   planes,    bits, first, D, most, table.data(), box,
+                         add, got.data()};
+      pixel_costs(job, choose_pixelwise(kernel->name), {threads, [] { return false; }});
+      CHECK(got == expected, text(H) + "x" + text(W) + " cost " + text(static_cast<int>(cost)) + " first " + text(first) +
+                                 " count " + text(D) + " box " + text(box.width) + "x" + text(box.height) + " " + kernel->name);
+    }
+}
+
+void test_pixel_costs() {
+  Random random{62};
+  for (int trial = 0; trial < 30; ++trial) {
+    for (const int bits : {1, 31, 32, 33, 64, 65, 128})
+      test_pixel_costs<uint64_t>(random, PixelCost::census, (bits + 63) / 64, bits);
+    test_pixel_costs<uint8_t>(random, PixelCost::absolute, 1, 0);
+    test_pixel_costs<int16_t>(random, PixelCost::vector, 2, 0);
+    test_pixel_costs<int16_t>(random, PixelCost::interval, 3, 0);
+    test_pixel_costs<uint8_t>(random, PixelCost::table, 1, 0);
+  }
+}
+
+void test_combined_costs() {
+  Random random{63};
+  std::vector<uint16_t> costs, other, expected;
+  for (int k = 0; k < 3 * 35; ++k) {
+    const bool out = random.below(5) == 0;
+    costs.push_back(static_cast<uint16_t>(out ? 65535 : random.below(3) ? random.below(65535) : 65534));
+    other.push_back(static_cast<uint16_t>(out ? 65535 : random.below(3) ? random.below(1001) : 1000));
+    const uint64_t sum = uint64_t{costs[k]} * 2047 + uint64_t{other[k]} * 134000 + (1 << 15);
+    expected.push_back(static_cast<uint16_t>(out ? 65535 : sum >> 16));
+  }
+  for (const int threads : {1, 3}) {
+    std::vector<uint16_t> got = costs;
+    combine(got.data(), other.data(), 3, 35, 2047, 134000, {threads, [] { return false; }});
+    CHECK(got == expected, text(threads) + " threads");
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -1430,11 +1572,17 @@ int main() {
   timed("grey", test_grey);
   timed("terms and box", test_terms_and_box);
   timed("supports", test_supports);
+  timed("census, bytes", test_census<uint8_t>);
+  timed("census, words", test_census<int32_t>);
+  timed("costs of pixels", test_pixel_costs);
+  timed("combined costs", test_combined_costs);
   timed("select, whole costs", test_select<int64_t>);
+  timed("select, 16-bit costs", test_select<uint16_t>);
   timed("select, float costs", test_select<float>);
   timed("distance transform", test_distance_transform);
   timed("solvers", test_solvers);
   timed("second pass, whole costs", test_second_pass<int64_t>);
+  timed("second pass, 16-bit costs", test_second_pass<uint16_t>);
   timed("second pass, float costs", test_second_pass<float>);
   timed("solvers are interrupted", test_solvers_are_interrupted);
   timed("texture", test_texture);

@@ -292,8 +292,9 @@ def _refined(pixels: cost.Pixels, chosen: Settings, start: DisparityMap) -> Disp
     flat = asked or (15, 5)
     match chosen.subpixel:
         case "symmetric":
-            # A zero-mean cost bears an offset of brightness, so its refinement has to.
-            centred = isinstance(chosen.cost, settings.ZSAD | settings.ZSSD | settings.ZNCC)
+            # A cost that bears an offset of brightness needs a refinement that does.
+            bears = settings.ZSAD | settings.ZSSD | settings.ZNCC | pixelwise.Pixelwise
+            centred = isinstance(chosen.cost, bears)
             return refine.symmetric(*images, np.rint(start), flat, centred, threads)
         case "correlation":
             centred = isinstance(chosen.cost, settings.ZNCC)

@@ -245,12 +245,12 @@ class Gradient(_Single):
 
     References
     ----------
-    .. [1] D. Scharstein, Matching images by comparing their gradient fields, ICPR 1994,
-       doi:10.1109/ICPR.1994.576363.
+    .. [1] A. Hosni, C. Rhemann, M. Bleyer, C. Rother, M. Gelautz, Fast cost-volume filtering for visual
+       correspondence and beyond, IEEE TPAMI 35(2), 2013, doi:10.1109/TPAMI.2012.156.
     """
 
     window: Box = 9
-    truncation: int = 30
+    truncation: int = 60
 
     def __post_init__(self) -> None:
         self._check_whole("truncation", 255)
@@ -545,8 +545,17 @@ def volume(
     Returns
     -------
     ndarray of uint16, (H, W, D)
+
+    Raises
+    ------
+    ValueError
+        For a box whose costs, summed over the channels, 16 bits do not hold; or tables that are missing.
     """
     channels = left.shape[2]
+    if cost.largest(channels) >= WORST:
+        raise ValueError(f"cost must sum to at most {WORST - 1} over {channels} channels, not {cost!r}")
+    if tables is None and needs_information(cost):
+        raise ValueError(f"tables must be given for {name_of(cost)}, one for each channel")
     if isinstance(cost, Combined):
         costs, other = (volume(part, left, right, disparities, threads, tables) for part in (cost.a, cost.b))
         _core.combine(costs, other, *cost.factors(channels), threads)
@@ -587,9 +596,9 @@ def _features(cost: PixelCost, image: npt.NDArray[Any], threads: int) -> npt.NDA
             return census(image, cost.comparisons, threads)
         case Rank(window=window):
             strings = census(image, Census(window).comparisons, threads)
-            bytes_of = strings.view(np.uint8).reshape(*strings.shape, 8)
-            counts: npt.NDArray[np.uint8] = _BITS[bytes_of].sum(axis=(0, 3), dtype=np.uint8)
-            return counts[None]
+            pairs_of_bytes = strings.view(np.uint16).reshape(*strings.shape, 4)
+            ranks: npt.NDArray[np.uint8] = _BITS[pairs_of_bytes].sum(axis=(0, 3), dtype=np.uint8)
+            return ranks[None]
         case Gradient():
             wide = np.pad(image.astype(np.int16), 1, mode="edge")
             return np.stack([wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]])
@@ -602,7 +611,7 @@ def _features(cost: PixelCost, image: npt.NDArray[Any], threads: int) -> npt.NDA
             return np.ascontiguousarray(image)[None]
 
 
-_BITS = np.array([byte.bit_count() for byte in range(256)], np.uint8)
+_BITS = np.array([word.bit_count() for word in range(2**16)], np.uint8)
 
 
 def information(

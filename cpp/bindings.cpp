@@ -394,14 +394,14 @@ Plane plane_of(const std::tuple<double, double, double>& plane) {
 
 template <class T>
 void bind_warp(nb::module_& m) {
-  m.def("warp", [](const Array<const T, 3>& image, std::tuple<double, double, double> plane, T lowest, T highest,
-                   const Array<T, 3>& warped, int threads) {
+  m.def("warp", [](const Array<const T, 3>& image, std::tuple<double, double, double> plane, double floor, T lowest,
+                   T highest, const Array<T, 3>& warped, int threads) {
     const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
     const int margin = (static_cast<int>(warped.shape(1)) - W) / 2;
     require(margin >= 0, "the warped image is at least as wide as the image");
     require_shape(warped, H, W + 2 * margin, C);
     run(threads, [&](const Workers& workers) {
-      warp<T>(image.data(), H, W, C, plane_of(plane), margin, lowest, highest, warped.data(), workers);
+      warp<T>(image.data(), H, W, C, {plane_of(plane), floor}, margin, lowest, highest, warped.data(), workers);
     });
   });
 }
@@ -641,15 +641,15 @@ NB_MODULE(_core, m) {
 
   m.def("merge_pass", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
                          const Array<const float, 2>& cost, const Array<const uint8_t, 2>& flags, int kind,
-                         std::tuple<double, double, double> plane, double handicap, double least, double most, int number,
-                         const HypothesisArrays& best, int threads) {
+                         std::tuple<double, double, double> plane, double floor, double handicap, double least, double most,
+                         int number, const HypothesisArrays& best, int threads) {
     const int H = std::get<0>(best).shape(0), W = std::get<0>(best).shape(1);
     const int margin = (static_cast<int>(disparity.shape(1)) - W) / 2;
     require(margin >= 0, "a pass is at least as wide as the image");
     for (const auto* array : {&disparity, &confidence, &cost}) require_shape(*array, H, W + 2 * margin);
     require_shape(flags, H, W + 2 * margin);
     const Pass pass{disparity.data(), confidence.data(), cost.data(), flags.data(), static_cast<CostKind>(kind), margin,
-                    plane_of(plane), handicap, least, most, static_cast<uint8_t>(number)};
+                    {plane_of(plane), floor}, handicap, least, most, static_cast<uint8_t>(number)};
     const Hypothesis into = hypothesis_of(best, H, W);
     run(threads, [&](const Workers& workers) { merge_pass(pass, H, W, into, workers); });
   });

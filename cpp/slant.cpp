@@ -125,7 +125,7 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
 }
 
 template <class T>
-void warp(const T* image, int height, int width, int channels, const Plane& plane, int margin, T lowest, T highest, T* warped,
+void warp(const T* image, int height, int width, int channels, const Surface& surface, int margin, T lowest, T highest, T* warped,
           const Workers& workers) {
   const int wide = width + 2 * margin;
   const double range = static_cast<double>(highest) - lowest;
@@ -135,7 +135,7 @@ void warp(const T* image, int height, int width, int channels, const Plane& plan
       T* out = warped + static_cast<size_t>(y) * wide * channels;
       for (int x = -margin; x < width + margin; ++x, out += channels) {
         // Beyond these bounds all four pixels are the edge's. Positive numbers are truncated, which is quicker than floor.
-        const double there = std::min(std::max(x - plane.at(x, y), -2.0), width + 1.0);
+        const double there = std::min(std::max(x - surface.at(x, y), -2.0), width + 1.0);
         const int whole = static_cast<int>(there + 2) - 2;
         const double t = there - whole;
         const double w0 = t * (t * (2 - t) - 1) * 0.5, w1 = (t * t * (3 * t - 5) + 2) * 0.5;
@@ -150,8 +150,8 @@ void warp(const T* image, int height, int width, int channels, const Plane& plan
     }
   });
 }
-template void warp(const uint8_t*, int, int, int, const Plane&, int, uint8_t, uint8_t, uint8_t*, const Workers&);
-template void warp(const int32_t*, int, int, int, const Plane&, int, int32_t, int32_t, int32_t*, const Workers&);
+template void warp(const uint8_t*, int, int, int, const Surface&, int, uint8_t, uint8_t, uint8_t*, const Workers&);
+template void warp(const int32_t*, int, int, int, const Surface&, int, int32_t, int32_t, int32_t*, const Workers&);
 
 void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best, const Workers& workers) {
   const int wide = width + 2 * pass.margin;
@@ -162,7 +162,7 @@ void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best,
         const float left_over = static_cast<float>(misfit(pass.kind, pass.cost[from]) * pass.handicap);
         if (!(left_over < best.misfit[to])) continue;
         // The warped column that the residual leads to says how far the warp had moved it.
-        const double rest = pass.disparity[from], d = rest + pass.plane.at(x - rest, y);
+        const double rest = pass.disparity[from], d = rest + pass.surface.at(x - rest, y);
         if (!(x - d >= 0 && x - d <= width - 1 && d >= pass.least && d <= pass.most)) continue;
         best.disparity[to] = static_cast<float>(d);
         best.confidence[to] = pass.confidence[from];

@@ -134,6 +134,15 @@ struct Plane {
   double a, b, c;
   double at(double x, double y) const { return a * x + (b * y + c); }
 };
+// A plane that goes on level where it would fall below `floor`.
+struct Surface {
+  Plane plane;
+  double floor;
+  double at(double x, double y) const {
+    const double d = plane.at(x, y);
+    return d < floor ? floor : d;
+  }
+};
 struct PlaneSearch {
   int top;     // the first row that counts
   int radius;  // how far the three points of a trial may lie apart in x and y; 0: anywhere
@@ -143,17 +152,17 @@ struct PlaneSearch {
 };
 // The plane that most pixels of a map lie on (RANSAC, then least squares), and how many; 0 where there is none.
 int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const Workers& workers);
-// The right image at (x - plane(x, y), y) for x from -margin to width + margin - 1, by cubic convolution.
+// The right image at (x - surface(x, y), y) for x from -margin to width + margin - 1, by cubic convolution.
 template <class T>
-void warp(const T* image, int height, int width, int channels, const Plane& plane, int margin, T lowest, T highest, T* warped,
+void warp(const T* image, int height, int width, int channels, const Surface& surface, int margin, T lowest, T highest, T* warped,
           const Workers& workers);
-// What matching along one plane gave, every array `margin` columns wider on either side than the image.
+// What matching along one surface gave, every array `margin` columns wider on either side than the image.
 struct Pass {
   const float *disparity, *confidence, *cost;
   const uint8_t* flags;
   CostKind kind;
   int margin;
-  Plane plane;
+  Surface surface;
   double handicap;     // factor on what the pass leaves unexplained
   double least, most;  // disparities that may be answered
   uint8_t number;

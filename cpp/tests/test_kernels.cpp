@@ -899,7 +899,7 @@ void test_warp() {
     std::vector<T> image(static_cast<size_t>(H) * W * C), warped(static_cast<size_t>(H) * wide * C);
     for (T& pixel : image) pixel = static_cast<T>(random.below(256));
     const Workers workers{random.between(1, 4), [] { return false; }};
-    warp<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, margin, 0, 255, warped.data(), workers);
+    warp<T>(image.data(), H, W, C, {{0, 0, static_cast<double>(shift)}, -1e300}, margin, 0, 255, warped.data(), workers);
     bool right = true;
     for (int y = 0; y < H; ++y)
       for (int x = 0; x < wide; ++x)
@@ -907,8 +907,8 @@ void test_warp() {
           right = right && warped[(y * wide + x) * C + c] == image[(y * W + clamp(x - margin - shift, 0, W - 1)) * C + c];
     CHECK(right, text(H) + "x" + text(W) + " by " + text(shift));
     // Steep planes leave the image on both sides; what they find there is the edge.
-    warp<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, margin, 0, 255, warped.data(), workers);
-    warp<T>(image.data(), H, W, C, {0.99, -1e6, 3e8}, margin, 0, 255, warped.data(), workers);
+    warp<T>(image.data(), H, W, C, {{-7.3, 1e6, -3e8}, 3}, margin, 0, 255, warped.data(), workers);
+    warp<T>(image.data(), H, W, C, {{0.99, -1e6, 3e8}, -1e300}, margin, 0, 255, warped.data(), workers);
   }
 }
 
@@ -979,7 +979,7 @@ void test_merging() {
     std::vector<uint8_t> best_flags(size, 32), best_plane(size, 0);
     const Hypothesis into{best[0].data(), best[1].data(), best[2].data(), best[3].data(), best_flags.data(), best_plane.data()};
     const Pass pass{disparity.data(), confidence.data(), cost.data(), flags.data(), CostKind::zncc, margin,
-                    {0.25, 0.5, 0}, 0.9, -2.5, 5.5, 7};
+                    {{0.25, 0.5, 0}, -1e300}, 0.9, -2.5, 5.5, 7};
     const Workers workers{random.between(1, 4), [] { return false; }};
     merge_pass(pass, H, W, into, workers);
     bool right = true;

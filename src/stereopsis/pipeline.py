@@ -5,6 +5,7 @@ read → cost → aggregate → optimize → select → validate → refine → 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,6 +44,12 @@ FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kana
 """Sub-pixel methods that need the images, not the costs."""
 
 
+AGREEMENT = 2.0
+"""How near the plane of its surroundings a winner has to lie to agree with them, in pixels."""
+REVOCABLE = np.uint8(Flag.OCCLUDED | Flag.MISMATCHED | Flag.AMBIGUOUS | Flag.SPECKLE)
+"""What is said of winners that their surroundings may speak for."""
+
+
 class _Unset:
     def __repr__(self) -> str:
         return "<as the preset has it>"
@@ -74,6 +81,7 @@ def match(
     sky: bool = UNSET,
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
+    planar: Window | None = UNSET,
     fill: str | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
@@ -152,6 +160,7 @@ def match(
             ("sky", sky),
             ("median", median),
             ("speckle", speckle),
+            ("planar", planar),
             ("fill", fill),
             ("step", step),
             ("disparity_step", disparity_step),
@@ -201,6 +210,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             stages["right_disparity"] = disparity.copy()
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
+    elif isinstance(chosen.optimize, sgm.SGM) and not composed:
+        disparity, confidence, flags = _semi_global(pixels, chosen, seen, chosen.optimize, timings, stages)
     elif merged:
         disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages)
     elif chosen.upsample is not None:
@@ -251,11 +262,12 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             # Unchecked winners are of no use as witnesses against the sky.
             matched = None if chosen.left_right is None else disparity
             _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
-    if chosen.fill is not None:
+    if chosen.planar is not None:
+        with _timed(timings, "planar"):
+            disparity = _planar(disparity, chosen, confidence, flags, stages.pop("winners", None))
+    elif chosen.fill is not None:
         with _timed(timings, "fill"):
-            holes = np.isnan(disparity)
-            disparity = fill.background(disparity)
-            flags[holes & np.isfinite(disparity)] |= np.uint8(Flag.FILLED)
+            disparity = _filled(fill.background(disparity), disparity, flags)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
@@ -267,11 +279,89 @@ def _stream(
     """Cost, aggregation, selection, checks and fit at once, without a cost volume."""
     kind, support = _kind(chosen), chosen.cost.support
     others = _fit(chosen.subpixel), chosen.left_right, chosen.uniqueness, chosen.threads
-    if isinstance(chosen.optimize, sgm.SGM) and isinstance(chosen.cost, pixelwise.Census):
-        return _fused.match_sgm(chosen.cost, pixels, seen, chosen.optimize, *others)
     if isinstance(support, Gaussian):
         return _fused.match_gaussian(kind, pixels, seen, support.sigma, support.truncate, *others)
     return _fused.match(kind, pixels, seen, chosen.cost.size, *others)
+
+
+def _semi_global(
+    pixels: cost.Pixels,
+    chosen: Settings,
+    seen: Disparities,
+    solver: sgm.SGM,
+    timings: dict[str, float],
+    stages: dict[str, npt.NDArray[Any]],
+) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Census to winner in one go; with slant once more along the ground, where smooth means on the ground.
+
+    Each pixel takes the answer of the smaller sum of path costs.
+    """
+    width = pixels.left.shape[1]
+    census = cast(pixelwise.Census, chosen.cost)
+    checks = _fit(chosen.subpixel), chosen.left_right, chosen.uniqueness, chosen.threads
+    best = slant.Hypothesis.nothing((pixels.left.shape[0], width))
+
+    def along(plane: slant.Plane, view: cost.Pixels, candidates: Disparities, number: int) -> None:
+        costs = np.empty(view.left.shape[:2], np.float32)
+        winners = _fused.match_sgm(census, view, candidates, solver, *checks, winning_cost=costs)
+        # A sum of path costs counts as it is, as a squared difference does.
+        kind, floor = cost.KINDS.index("ssd"), -math.inf if plane == slant.LEVEL else seen.min
+        slant.merge_pass(best, winners, costs, kind, plane, number, 1.0, seen, chosen.threads, floor=floor)
+
+    with _timed(timings, "match"):
+        along(slant.LEVEL, pixels, seen, 0)
+    ground = None
+    if chosen.slant is not None:
+        with _timed(timings, "planes"):
+            trusted = np.where(best.flags == 0, best.disparity, np.float32(np.nan))
+            if chosen.speckle is not None:
+                trusted[validate.speckle(trusted, *chosen.speckle)] = np.nan
+            ground = slant.road(trusted, census.size)
+    if ground is not None:
+        with _timed(timings, "match along the ground"):
+            views = slant.warped(
+                pixels.left, pixels.right, ground, slant.MARGIN, chosen.threads, floor=seen.min
+            )
+            candidates = Disparities(-slant.MARGIN, max(slant.MARGIN, seen.span - slant.MARGIN))
+            along(ground, cost.Pixels(*views, pixels.step), candidates, 1)
+    if "planes" in chosen.keep:
+        stages["planes"] = np.array([] if ground is None else [ground], np.float64).reshape(-1, 3)
+        stages["plane"] = best.plane
+    disparity, confidence, flags = best.disparity, best.confidence, best.flags
+    if chosen.planar is not None:
+        stages["winners"] = disparity.copy()
+    _refuse(flags != 0, Flag(0), disparity, confidence, flags)
+    return disparity, confidence, flags
+
+
+def _planar(
+    disparity: DisparityMap,
+    chosen: Settings,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    winners: DisparityMap | None,
+) -> DisparityMap:
+    """Draw all to the planes that they lie on, after the holes are filled, and judge again by these planes.
+
+    A pixel keeps its answer where its own winner lies near the plane, and only there: so one that failed a
+    check of left against right gets it back where its surroundings agree.
+    """
+    whole = fill.background(disparity)
+    smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
+    if winners is not None:
+        near = np.abs(winners - smooth) < AGREEMENT
+        flags[near & (flags & ~REVOCABLE == 0)] = 0
+        lost = ~near & (flags == 0)
+        flags[lost] |= np.uint8(Flag.MISMATCHED)
+        confidence[flags != 0] = 0
+    kept = np.where(flags == 0, smooth, np.float32(np.nan))
+    return kept if chosen.fill is None else _filled(smooth, kept, flags)
+
+
+def _filled(whole: DisparityMap, disparity: DisparityMap, flags: npt.NDArray[np.uint8]) -> DisparityMap:
+    """The whole map, of which the flags say what was filled."""
+    flags[np.isnan(disparity) & np.isfinite(whole)] |= np.uint8(Flag.FILLED)
+    return whole
 
 
 def _fit(subpixel: str | None) -> str | None:
@@ -384,6 +474,8 @@ def _compose(
         disparity = (winners.index * sampling.disparity_step + np.int32(seen.min)).astype(np.float32)
         disparity += np.where(held, np.float32(0), offset) * np.float32(sampling.disparity_step)
         confidence = refine.confidence(perfect, *around)
+    if chosen.planar is not None and isinstance(chosen.optimize, sgm.SGM):
+        stages["winners"] = disparity.copy()
     with _timed(timings, "validate"):
         _refuse(winners.index < 0, Flag.OUT_OF_VIEW, disparity, confidence, flags)
         if chosen.uniqueness is not None:

@@ -24,7 +24,7 @@ from stereopsis.optimize import (
     Smoothness,
     Swap,
 )
-from stereopsis.pixelwise import PIXEL_COSTS, WORST, Pixelwise, cost_of, name_of
+from stereopsis.pixelwise import PIXEL_COSTS, WORST, Census, Pixelwise, cost_of, name_of
 from stereopsis.pixelwise import PixelCost as PixelCost
 from stereopsis.sgm import SGM
 from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
@@ -231,6 +231,7 @@ class Settings:
     sky: bool = False
     median: int | None = None
     speckle: tuple[int, float] | None = None
+    planar: Window | None = None
     fill: Literal["background"] | None = None
     step: int = 1
     disparity_step: int = 1
@@ -448,8 +449,8 @@ def _optimizer(chosen: Any, before: Optimizer | SGM | None, parts: Mapping[str, 
     values = {OPTIMIZER_PARTS[part]: value for part, value in {**known, **values, **parts}.items()}
     if kind is SGM:
         return SGM(**values)
-    smoothness = Smoothness(*(values.pop(part) for part in ("norm", "weight", "truncation")))
-    return cast("Optimizer", kind(smoothness, **values))
+    values["smoothness"] = Smoothness(*(values.pop(part) for part in ("norm", "weight", "truncation")))
+    return kind(**values)
 
 
 def _checked(name: str, value: Any) -> Any:
@@ -497,7 +498,7 @@ def _checked(name: str, value: Any) -> Any:
         case "subpixel":
             if value is not None and value not in SUBPIXEL:
                 raise refuse(f"one of {', '.join(SUBPIXEL)}, or None")
-        case "refine_window":
+        case "refine_window" | "planar":
             if value is None:
                 return None
             width, height = window_size(value)
@@ -585,7 +586,10 @@ def _check_paths(settings: Settings) -> None:
     others = settings.cost.support is not None or settings.optimize is not None or sampled
     if merged and "costs" in settings.keep:
         raise ValueError('keep must be without "costs" where slant or extra_windows is set')
-    if merged and others:
+    semi_global = isinstance(settings.optimize, SGM)
+    if merged and isinstance(settings.optimize, SGM) and not sampled:
+        _check_slanted_sgm(settings, settings.optimize)
+    elif merged and others:
         raise ValueError(
             "slant and extra_windows go with box windows alone: not with a support as window, optimize, "
             "step or disparity_step"
@@ -596,7 +600,7 @@ def _check_paths(settings: Settings) -> None:
             "optimize, step or disparity_step"
         )
     if isinstance(settings.cost, Pixelwise):
-        if merged or settings.upsample is not None:
+        if (merged and not semi_global) or settings.upsample is not None:
             raise ValueError(
                 f"cost must be one of {', '.join(COSTS)} with slant, extra_windows and upsample, "
                 f"not {name_of(settings.cost)}"
@@ -614,6 +618,21 @@ def _check_paths(settings: Settings) -> None:
             settings.optimize.unit_for(2.0, whole=False)
     if settings.optimize is not None and sampled:
         raise ValueError("optimize must be None where step or disparity_step is more than 1")
+
+
+def _check_slanted_sgm(settings: Settings, solver: SGM) -> None:
+    """Raise ValueError where semi-global matching does not go along the ground."""
+    if settings.slant != "road" or settings.extra_windows:
+        raise ValueError("with optimize=SGM, slant must be 'road' or None, and extra_windows empty")
+    cost = settings.cost
+    streams = isinstance(cost, Census) and cost.box in ((1, 1), (3, 3)) and not solver.more_global
+    if not streams or settings.channels != "grey":
+        raise ValueError(
+            "with optimize=SGM, slant goes with cost=Census of aggregation 1 or 3 and channels grey alone, "
+            "without more_global"
+        )
+    if "right_disparity" in settings.keep:
+        raise ValueError('keep must be without "right_disparity" where slant and optimize=SGM are set')
 
 
 def as_disparities(value: Any) -> Disparities:
@@ -651,7 +670,7 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "refine_window":
+        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "refine_window" | "planar":
             return text
         case "window" | "aggregation":
             return text

@@ -8,6 +8,7 @@ then the window fits, and what is matched is the rest.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,7 +166,7 @@ def _on(plane: Plane, disparity: DisparityMap) -> npt.NDArray[np.bool_]:
 
 
 def warped(
-    left: Image, right: Image, plane: Plane, margin: int, threads: int = 0
+    left: Image, right: Image, plane: Plane, margin: int, threads: int = 0, *, floor: float = -math.inf
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Both images `margin` columns wider on either side, the right one moved so that the plane is at 0.
 
@@ -180,6 +181,8 @@ def warped(
         Columns; so a candidate that leaves the warped image can still be one that lies inside the right one.
     threads : int
         0: all cores.
+    floor : float
+        Where the plane lies below it, as a road does above the horizon, this disparity stands for it.
 
     Returns
     -------
@@ -192,7 +195,7 @@ def warped(
     """
     wide = np.ascontiguousarray(np.pad(left, ((0, 0), (margin, margin), (0, 0)), "edge"))
     moved = np.empty_like(wide)
-    _core.warp(right, tuple(plane), int(right.min()), int(right.max()), moved, threads)
+    _core.warp(right, tuple(plane), floor, int(right.min()), int(right.max()), moved, threads)
     return wide, moved
 
 
@@ -264,6 +267,8 @@ def merge_pass(
     factor: float,
     disparities: Disparities,
     threads: int = 0,
+    *,
+    floor: float = -math.inf,
 ) -> None:
     r"""Take a pass's winners over into `best`, in place, where they leave less unexplained.
 
@@ -289,6 +294,8 @@ def merge_pass(
     disparities : Disparities
         The whole range.
     threads : int
+    floor : float
+        As for `warped`.
     """
     low, high = disparities.min - 0.5, disparities.max - 0.5
     disparity, confidence, flags = found
@@ -299,6 +306,7 @@ def merge_pass(
         flags,
         kind,
         tuple(plane),
+        floor,
         factor,
         low,
         high,

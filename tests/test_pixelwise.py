@@ -574,6 +574,10 @@ def test_texts():
         ("cost=combined(census,1,gradent,1)", "did you mean 'gradient'"),
         ("cost=combined(census,1,gradient(9,1)", "close its parentheses"),
         ("cost=combined(census,1,zncc,1)", "names no cost of pixels 'zncc'"),
+        ("cost=combined", "needs its a, weight_a, b, weight_b"),
+        ("cost=combined(census, 1, gradient)", "needs its weight_b"),
+        ("cost=" + 99 * "combined(", "close its parentheses"),
+        ("cost=" + 99 * "combined(" + 99 * ")", "at most 32 parts"),
         ("cost=gradient(9,much)", "truncation must be a number, not 'much'"),
         ("aggregation=3", "cost=ZNCC has no aggregation"),
         ("cost=zncc(9)", "window apart"),
@@ -582,6 +586,21 @@ def test_texts():
 def test_errors(text, message):
     with pytest.raises(ValueError, match=message.replace("(", r"\(")):
         st.Settings.make(assignments=[text])
+
+
+@given(
+    pieces=some.lists(
+        some.sampled_from(
+            ["census", "combined", "rank", "(", ")", ",", "=", "9", "9x7", "0.5", "window", "nan", " ", "a"]
+        )
+    )
+)
+def test_any_text_is_a_cost_or_a_value_error(pieces):
+    try:
+        cost = pixelwise.cost_of("".join(pieces))
+    except ValueError:
+        return
+    assert pixelwise.cost_of(str(cost)) == cost
 
 
 @pytest.mark.parametrize("other", [{"slant": "road"}, {"extra_windows": (31,)}, {"upsample": (2, "linear")}])

@@ -35,6 +35,7 @@ COMBINED = 4095
 """The largest cost of a `Combined`."""
 BOX_SIDE = 127
 """Largest side of the box that costs are summed over."""
+DEEPEST = 32
 PATTERNS = ("dense", "sparse", "symmetric")
 ENVIRONMENT = "STEREOPSIS_INSTRUCTIONS"
 
@@ -424,6 +425,8 @@ def cost_of(text: str) -> PixelCost:
         raise ValueError(f"cost names no cost of pixels {name!r}{_nearest(name, PIXEL_COSTS)}")
     if opened and not inside.endswith(")"):
         raise ValueError(f"cost must close its parentheses, which {text!r} does not")
+    if inside.count("(") > DEEPEST:
+        raise ValueError(f"cost must be made of at most {DEEPEST} parts in parentheses, not {text[:60]!r}...")
     kind = PIXEL_COSTS[name]
     parts = [field.name for field in dataclasses.fields(kind)]
     given: dict[str, Any] = {}
@@ -441,6 +444,13 @@ def cost_of(text: str) -> PixelCost:
         if part in given:
             raise ValueError(f"cost {name} is given its {part} twice in {text!r}")
         given[part] = _part(part, value.strip())
+    missing = [
+        field.name
+        for field in dataclasses.fields(kind)
+        if field.default is dataclasses.MISSING and field.name not in given
+    ]
+    if missing:
+        raise ValueError(f"cost {name}({', '.join(parts)}) needs its {', '.join(missing)}, not {text!r}")
     return kind(**given)
 
 

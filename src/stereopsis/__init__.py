@@ -26,6 +26,7 @@ from stereopsis.optimize import (
     energy,
 )
 from stereopsis.pipeline import estimate_disparities, match
+from stereopsis.reliability import Reliability, reliability
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.sparsification import Sparsification, sparsification
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
@@ -54,6 +55,7 @@ __all__ = [
     "Gaussian",
     "Pair",
     "PixelLocking",
+    "Reliability",
     "Result",
     "Scores",
     "SecondPass",
@@ -75,6 +77,7 @@ __all__ = [
     "read_disparity",
     "read_image",
     "read_pair",
+    "reliability",
     "scenes",
     "sparsification",
     "write_disparity",

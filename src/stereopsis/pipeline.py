@@ -16,6 +16,7 @@ import numpy.typing as npt
 from stereopsis import (
     _fused,
     aggregate,
+    confidence,
     cost,
     fill,
     noise,
@@ -25,6 +26,7 @@ from stereopsis import (
     settings,
     sky,
     slant,
+    smooth,
     upsample,
     validate,
     weigh,
@@ -70,6 +72,9 @@ def match(
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
     fill: str | None = UNSET,
+    weighted_median: tuple[int, float] | int | None = UNSET,
+    edge_aware: tuple[float, float] | float | None = UNSET,
+    confidence: str | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
     threads: int = UNSET,
@@ -94,7 +99,9 @@ def match(
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
     cost, channels, slant, extra_windows, optimize, subpixel, refine_window, upsample, left_right
         As in `Settings`.
-    uniqueness, texture, reflection, sky, median, speckle, fill, step, disparity_step, threads, keep
+    uniqueness, texture, reflection, sky, median, speckle, fill, weighted_median, edge_aware, confidence
+        As in `Settings`.
+    step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -145,6 +152,9 @@ def match(
             ("median", median),
             ("speckle", speckle),
             ("fill", fill),
+            ("weighted_median", weighted_median),
+            ("edge_aware", edge_aware),
+            ("confidence", confidence),
             ("step", step),
             ("disparity_step", disparity_step),
             ("threads", threads),
@@ -230,14 +240,56 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             # Unchecked winners are of no use as witnesses against the sky.
             matched = None if chosen.left_right is None else disparity
             _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
+    holes = np.isnan(disparity)
     if chosen.fill is not None:
         with _timed(timings, "fill"):
-            holes = np.isnan(disparity)
-            disparity = fill.background(disparity)
+            disparity = _filled(chosen.fill, disparity, flags, pixels, chosen.threads)
             flags[holes & np.isfinite(disparity)] |= np.uint8(Flag.FILLED)
+    if chosen.weighted_median is not None:
+        with _timed(timings, "weighted median"):
+            size, levels = chosen.weighted_median
+            disparity = smooth.weighted_median(
+                disparity, pixels.left, size, levels, pixels.step, chosen.threads
+            )
+    if chosen.edge_aware is not None:
+        with _timed(timings, "edge-aware"):
+            strength, levels = chosen.edge_aware
+            disparity = smooth.edge_aware(
+                disparity, pixels.left, strength, levels, 2, pixels.step, chosen.threads
+            )
+            np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
+    if chosen.confidence is not None:
+        with _timed(timings, "confidence"):
+            confidence = _calibrated(disparity, ~holes, confidence, chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
+
+
+def _filled(
+    how: str, disparity: DisparityMap, flags: npt.NDArray[np.uint8], pixels: cost.Pixels, threads: int
+) -> DisparityMap:
+    match how:
+        case "interpolate":
+            return fill.interpolate(disparity, flags)
+        case "surfaces":
+            return fill.surfaces(disparity, flags, pixels.left, pixels.step, threads)
+        case _:
+            return fill.background(disparity)
+
+
+def _calibrated(
+    disparity: DisparityMap,
+    matched: npt.NDArray[np.bool_],
+    sharpness: npt.NDArray[np.float32],
+    threads: int,
+) -> npt.NDArray[np.float32]:
+    """The probability that an answer is right; 0 where there is none."""
+    # The model looks at windows: what holds no answer is seen as its background.
+    surface = np.nan_to_num(fill.background(disparity)) if np.isnan(disparity).any() else disparity
+    found = confidence.probability(surface, matched, sharpness, threads)
+    found[np.isnan(disparity)] = 0
+    return found
 
 
 def _stream(

@@ -5,7 +5,7 @@ python benchmarks/confidence.py check FOLDER... [--set NAME=VALUE]... [--preset 
 
 `fit` prints the weights that stand in src/stereopsis/confidence.py, from every second pair of each benchmark,
 each of which counts alike. `check` takes the others: areas under the sparsification curve over the ideal
-ones, and the reliability table. Pixels that only the left camera sees do not count where they are known.
+ones, and the reliability table. The range is 0:128, or up to Middlebury's ndisp. Pixels that only the left camera sees do not count where they are known.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from stereopsis import confidence, datasets, fill
 from stereopsis.reliability import reliability
 from stereopsis.settings import Settings
 from stereopsis.sparsification import sparsification
+from stereopsis.types import Flag
 
 Floats = npt.NDArray[np.float64]
 RIGHT = 3.0
@@ -35,7 +36,7 @@ MEASURES = ("bad-1", "bad-2", "bad-3", "epe")
 def main(arguments: Sequence[str] | None = None) -> None:
     options = parse(arguments)
     found = [datasets.open(folder) for folder in options.folders]
-    settings = Settings.make(options.preset, assignments=options.assignments, disparities=(0, 128))
+    settings = Settings.make(options.preset, assignments=options.assignments)
     if options.task == "fit":
         for name, weights in zip(("ANSWERED", "FILLED"), fit(found, settings), strict=True):
             print(f"{name} = ({', '.join(f'{weight:.3f}' for weight in weights)})")
@@ -57,12 +58,15 @@ def maps(sample: datasets.Sample, settings: Settings) -> tuple[Any, Any, Any, An
     """A pair's surface, what of it was matched, its sharpness, its errors and where these are known."""
     pair = sample.pair()
     ndisp = pair.calibration.ndisp if pair.calibration else None
-    result = st.match(pair, settings=settings.changed(fill=None, disparities=(0, ndisp or 128)))
-    surface = np.nan_to_num(fill.background(result.disparity))
+    result = st.match(pair, settings=settings.changed(confidence=None, disparities=(0, ndisp or 128)))
+    surface = result.disparity
+    if np.isnan(surface).any():
+        surface = np.nan_to_num(fill.background(surface))
+    answered = np.isfinite(result.disparity) & (result.flags & Flag.FILLED == 0)
     truth, mask = sample.truth(), sample.mask()
     assert truth is not None
     known = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
-    return surface, np.isfinite(result.disparity), result.confidence, np.abs(surface - truth), known
+    return surface, answered, result.confidence, np.abs(surface - truth), known
 
 
 def fit(found: Sequence[datasets.Dataset], settings: Settings) -> Iterator[Floats]:

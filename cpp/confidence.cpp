@@ -60,21 +60,22 @@ void probability(const float* surface, const uint8_t* answered, const float* sha
   });
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     const auto box = [&](const std::vector<int32_t>& map, int side) { return SlidingBox(map.data(), height, width, side, begin); };
-    SlidingBox valid_near = box(valid, 11), valid_wide = box(valid, 21), jump_near = box(jump, 5), jump_wide = box(jump, 15),
-               level_near = box(level, 5), level_wide = box(level, 15);
+    SlidingBox valid_near = box(valid, 21), valid_wide = box(valid, 41), jump_near = box(jump, 5), jump_wide = box(jump, 15),
+               jump_widest = box(jump, 31), level_near = box(level, 5), level_wide = box(level, 15);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       const int32_t *v0 = valid_near.row(), *v1 = valid_wide.row(), *j0 = jump_near.row(), *j1 = jump_wide.row(),
-                    *l0 = level_near.row(), *l1 = level_wide.row();
+                    *j2 = jump_widest.row(), *l0 = level_near.row(), *l1 = level_wide.row();
       for (int x = 0; x < width; ++x) {
         const size_t at = static_cast<size_t>(y) * width + x;
         const float near = std::fabs(level[at] - l0[x] / 25.0f) / 16, wide = std::fabs(level[at] - l1[x] / 225.0f) / 16;
         const float close = std::fabs(level[at] / 16.0f);
         const float features[LogisticModel::kFeatures] = {sharpness[at],
                                                           sharpness[at] / (sharpness[at] + 0.05f),
-                                                          v0[x] / 121.0f,
-                                                          v1[x] / 441.0f,
+                                                          v0[x] / 441.0f,
+                                                          v1[x] / 1681.0f,
                                                           j0[x] / 25.0f,
                                                           j1[x] / 225.0f,
+                                                          j2[x] / 961.0f,
                                                           near / (near + 1),
                                                           wide / (wide + 1),
                                                           close / (close + 16),

@@ -191,7 +191,7 @@ void edge_aware(const float* disparity, const SurfaceGuide& guide, int height, i
                 const Workers& workers);
 // How probable it is that each answer is right, from the map around it. The logistic function from -8 to 8 in steps of 1/16.
 struct LogisticModel {
-  static constexpr int kFeatures = 10;
+  static constexpr int kFeatures = 11;
   const float *answered, *filled, *logistic;
 };
 void probability(const float* surface, const uint8_t* answered, const float* sharpness, int height, int width,

@@ -13,10 +13,11 @@ Floats = npt.NDArray[np.float64]
 FEATURES = (
     "sharpness",
     "sharpness, saturated",
-    "answered, 11 x 11",
     "answered, 21 x 21",
+    "answered, 41 x 41",
     "jumps, 5 x 5",
     "jumps, 15 x 15",
+    "jumps, 31 x 31",
     "off the mean, 5 x 5",
     "off the mean, 15 x 15",
     "disparity",
@@ -25,8 +26,8 @@ FEATURES = (
 """What the model looks at, in the order of its weights."""
 
 # Fitted by: python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY
-ANSWERED = (2.606, -0.655, -0.783, 2.468, -1.083, -3.667, -0.864, -2.456, 1.053, 2.805)
-FILLED = (0.000, 0.000, -0.122, 2.891, -0.501, 1.392, -0.455, -3.187, 2.532, -0.159)
+ANSWERED = (2.526, -0.686, 0.430, 1.099, -1.237, -1.685, -3.554, -0.810, -2.530, 1.145, 3.130)
+FILLED = (0.000, 0.000, 0.856, 2.036, -0.494, 1.440, -0.269, -0.375, -3.184, 2.868, -0.538)
 """Weights for pixels that were matched, and for those that were filled."""
 
 
@@ -82,9 +83,9 @@ def features(
     """What the model looks at, one after the other as `FEATURES` names them; what it is fitted with.
 
     - The winner's sharpness s, and ``s / (s + 0.05)``.
-    - The share of matched pixels in the window of 11 and in that of 21 pixels around.
+    - The share of matched pixels in the window of 21 and in that of 41 pixels around.
     - The share of pixels next to a jump, of more than 1.5 pixels of disparity to one of their four
-      neighbours, in the window of 5 and in that of 15.
+      neighbours, in the windows of 5, 15 and 31.
     - How far the disparity is off the window's mean, a, as ``a / (a + 1)``, for 5 and for 15 pixels.
     - The disparity d itself, as ``|d| / (|d| + 16)``; and 1.
 
@@ -97,7 +98,7 @@ def features(
 
     Returns
     -------
-    ndarray of float64, (H, W, 10)
+    ndarray of float64, (H, W, 11)
     """
     jump = np.zeros(surface.shape, bool)
     for axis in (0, 1):
@@ -113,10 +114,11 @@ def features(
         [
             sharp,
             sharp / (sharp + 0.05),
-            _mean(answered, 11),
             _mean(answered, 21),
+            _mean(answered, 41),
             _mean(jump, 5),
             _mean(jump, 15),
+            _mean(jump, 31),
             near / (near + 1),
             wide / (wide + 1),
             close / (close + 16),

@@ -28,10 +28,11 @@ def probability(surface, answered, sharpness, models):
         seen = [
             s,
             s / (s + 0.05),
-            window(answered, y, x, 11).mean(),
             window(answered, y, x, 21).mean(),
+            window(answered, y, x, 41).mean(),
             window(jump, y, x, 5).mean(),
             window(jump, y, x, 15).mean(),
+            window(jump, y, x, 31).mean(),
             near / (near + 1),
             wide / (wide + 1),
             abs(level[y, x]) / (abs(level[y, x]) + 16),

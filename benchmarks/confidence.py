@@ -5,7 +5,8 @@ python benchmarks/confidence.py check FOLDER... [--set NAME=VALUE]... [--preset 
 
 `fit` prints the weights that stand in src/stereopsis/confidence.py, from every second pair of each benchmark,
 each of which counts alike. `check` takes the others: areas under the sparsification curve over the ideal
-ones, and the reliability table. The range is 0:128, or up to Middlebury's ndisp. Pixels that only the left camera sees do not count where they are known.
+ones, and the reliability table. The range is 0:128, or up to Middlebury's ndisp. Pixels that only the left
+camera sees do not count where they are known.
 """
 
 from __future__ import annotations

@@ -497,6 +497,14 @@ HalfWindow half_window_of(int x, int y) {
   return {x, y};
 }
 
+// Two tables of weights, fine and coarse.
+SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W) {
+  require_shape(guide, H, W);
+  require(tables.shape(0) == 2 && tables.shape(1) > 0, "two tables");
+  const int length = static_cast<int>(tables.shape(1));
+  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength};
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
@@ -713,6 +721,61 @@ NB_MODULE(_core, m) {
     const Window window = window_of(window_width, window_height);
     run(threads, [&](const Workers& workers) {
       planar(disparity.data(), H, W, window, tolerance, iterations, out.data(), kernel, workers);
+    });
+  });
+
+  m.def("weighted_median", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 3>& guide, int size, int slope,
+                              const Array<float, 2>& out, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require(1 <= size && size <= 11 && size % 2, "size is odd, up to 11");
+    require(0 <= slope && slope <= 4080, "slope runs from 0 to 4080");
+    require_shape(guide, H, W);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) {
+      weighted_median(disparity.data(), guide.data(), H, W, static_cast<int>(guide.shape(2)), size, slope, out.data(), workers);
+    });
+  });
+
+  m.def("edge_aware", [](const Array<const float, 2>& disparity, const Pixels& guide, const Array<const float, 2>& tables,
+                         float strength, int iterations, const Array<float, 2>& out, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) { edge_aware(disparity.data(), surfaces, H, W, iterations, out.data(), workers); });
+  });
+
+  m.def("probability", [](const Array<const float, 2>& surface, const Array<const uint8_t, 2>& answered,
+                          const Array<const float, 2>& sharpness, const Array<const float, 2>& weights,
+                          const Array<const float, 1>& logistic, const Array<float, 2>& out, int threads) {
+    const int H = surface.shape(0), W = surface.shape(1);
+    require_shape(answered, H, W);
+    require_shape(sharpness, H, W);
+    require_shape(weights, 2, LogisticModel::kFeatures);
+    require_shape(logistic, 257);
+    require_shape(out, H, W);
+    const LogisticModel model{weights.data(), weights.data() + LogisticModel::kFeatures, logistic.data()};
+    run(threads, [&](const Workers& workers) {
+      probability(surface.data(), answered.data(), sharpness.data(), H, W, model, out.data(), workers);
+    });
+  });
+
+  m.def("interpolate", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded,
+                          const Array<float, 2>& out) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require_shape(occluded, H, W);
+    require_shape(out, H, W);
+    run(1, [&](const Workers& workers) { interpolate(disparity.data(), occluded.data(), H, W, out.data(), workers); });
+  });
+
+  m.def("fill_surfaces", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded, const Pixels& guide,
+                            const Array<const float, 2>& tables, float strength, float least, float most,
+                            const Array<float, 2>& out, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    require_shape(occluded, H, W);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) {
+      fill_surfaces(disparity.data(), occluded.data(), surfaces, H, W, least, most, out.data(), workers);
     });
   });
 

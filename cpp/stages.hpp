@@ -222,6 +222,30 @@ constexpr int kPlanarColumns = 9, kPlanarRows = 7;
 struct PlanarKernel;
 void planar(const float* disparity, int height, int width, const Window& window, float tolerance, int iterations, float* smooth,
             const PlanarKernel& kernel, const Workers& workers);
+// A guide image of int32 pixels (H, W, channels), and how alike two pixels are by the largest difference k of their channels:
+// fine[k] where disparities are smoothed, coarse[k] where slopes are; the last of `length` entries for all beyond.
+struct SurfaceGuide {
+  const int32_t* image;
+  int channels;
+  const float *fine, *coarse;
+  int length;
+  float strength;
+};
+// Median over a size x size window, size up to 11, of those pixels that have a value, each weighted by how much it looks like
+// the middle one: ((255 - slope difference / 16)+)^2 / 256, at least 1. Values count in steps of 2^-k, the finest in which the
+// map fits 15 bits; of those in the median's step the middle pixel stands for it, else the first of the window.
+void weighted_median(const float* disparity, const uint8_t* guide, int height, int width, int channels, int size, int slope,
+                     float* filtered, const Workers& workers);
+// Weighted least squares along the guide's edges, from slanted surfaces; pixels without a value stay without.
+void edge_aware(const float* disparity, const SurfaceGuide& guide, int height, int width, int iterations, float* smoothed,
+                const Workers& workers);
+// How probable it is that each answer is right, from the map around it. The logistic function from -8 to 8 in steps of 1/16.
+struct LogisticModel {
+  static constexpr int kFeatures = 11;
+  const float *answered, *filled, *logistic;
+};
+void probability(const float* surface, const uint8_t* answered, const float* sharpness, int height, int width,
+                 const LogisticModel& model, float* confidence, const Workers& workers);
 
 // ---- refine from the images -------------------------------------------------------------------------------------------
 // A pair of int32 pixels. `start` and `disparity` are (H, W); where `start` is NaN, or nothing better is found, so it stays.
@@ -242,5 +266,12 @@ void align_planes(const AlignedPair& pair, const Window& window, const float* st
 // half a step of each place lie least apart, summed over window and pixel; and a parabola through its neighbours.
 void align_intervals(const AlignedPair& pair, const Window& window, int steps, const float* start, float* disparity,
                      const Workers& workers);
+
+// ---- fill ------------------------------------------------------------------------------------------------------------
+// From the nearest answers in eight directions: the second lowest where `occluded`, else their median.
+void interpolate(const float* disparity, const uint8_t* occluded, int height, int width, float* filled, const Workers& workers);
+// Surfaces go on into holes: what surrounds a hole, smoothed along the guide's edges, where it agrees; else the lower side.
+void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
+                   float most, float* filled, const Workers& workers);
 
 }  // namespace stereopsis

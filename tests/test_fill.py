@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from reference import fill as reference
 from stereopsis import fill
+from stereopsis.types import Flag
 
 N = np.nan
 
@@ -86,3 +87,80 @@ def test_background_takes_any_stride_and_read_only():
 def test_background_refuses(bad, error, says):
     with pytest.raises(error, match=says):
         fill.background(bad)
+
+
+# ---- Hirschmueller's rules -----------------------------------------------------------------------
+
+
+def test_interpolate_by_hand():
+    disparity = float32([1, 2, 3], [4, N, 6], [7, 8, 9])
+    clear, hidden = np.zeros((3, 3), np.uint8), np.full((3, 3), Flag.OCCLUDED, np.uint8)
+    # of 1 2 3 4 6 7 8 9: the mean of 4 and 6; the second lowest
+    assert fill.interpolate(disparity, clear)[1, 1] == 5
+    assert fill.interpolate(disparity, hidden)[1, 1] == 2
+    assert fill.interpolate(disparity, np.full((3, 3), Flag.OUT_OF_VIEW, np.uint8))[1, 1] == 2
+    assert fill.interpolate(disparity, np.full((3, 3), Flag.MISMATCHED, np.uint8))[1, 1] == 5
+    # one answer is both; none leaves a hole
+    assert fill.interpolate(float32([N, N, 4]), np.full((1, 3), Flag.OCCLUDED, np.uint8)).tolist() == [
+        [4, 4, 4]
+    ]
+    assert np.isnan(fill.interpolate(float32([N, N], [N, N]), clear[:2, :2])).all()
+    # a knight's move away is no direction
+    assert np.isnan(fill.interpolate(float32([N, N, 4], [N, N, N]), clear[:2])[1, 0])
+
+
+@given(disparity=maps, seed=st.integers(0, 2**32))
+@settings(deadline=None)
+def test_interpolate_is_its_definition(disparity, seed):
+    disparity = np.where(np.isfinite(disparity), disparity, N).astype(np.float32)
+    flags = np.random.default_rng(seed).choice(np.array([0, 1, 2, 8, 32, 64], np.uint8), disparity.shape)
+    filled = fill.interpolate(disparity, flags)
+    np.testing.assert_array_equal(filled, reference.interpolate(disparity, flags & 33))
+
+
+# ---- surfaces ------------------------------------------------------------------------------------
+
+
+def test_a_slanted_plane_is_continued_through_its_holes():
+    y, x = np.mgrid[:40, :60]
+    plane = (10 + 0.25 * y + 0.125 * x).astype(np.float32)
+    disparity = plane.copy()
+    disparity[10:22, 15:35] = N
+    image = np.zeros((40, 60, 1), np.uint8)
+    flags = np.zeros(plane.shape, np.uint8)
+    np.testing.assert_allclose(fill.surfaces(disparity, flags, image), plane, atol=0.02)
+    # a row's neighbours alone would be off by what the plane rises
+    assert np.abs(fill.background(disparity) - plane).max() > 1
+
+
+def test_what_is_hidden_continues_the_surface_behind():
+    disparity = np.full((20, 60), 10, np.float32)
+    disparity[:, 30:] = 40
+    disparity[:, 20:30] = N
+    image = np.zeros((20, 60, 1), np.uint8)
+    filled = fill.surfaces(disparity, np.full(disparity.shape, Flag.OCCLUDED, np.uint8), image)
+    np.testing.assert_allclose(filled[:, 20:30], 10, atol=0.05)
+
+
+@given(
+    shape=st.tuples(st.integers(1, 14), st.integers(1, 20)),
+    channels=st.sampled_from([1, 3]),
+    invalid=st.sampled_from([0.1, 0.5, 0.9, 1]),
+    scale=st.sampled_from([0.1, 1, 8]),
+    threads=st.sampled_from([1, 3]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_surfaces_is_its_definition(shape, channels, invalid, scale, threads, seed):
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    # No whole numbers: four ends that agree within just the bound would be answered either way.
+    disparity = (0.3 * y + 0.1 * x + scale * rng.normal(0, 2, shape) - 3).astype(np.float32)
+    disparity[rng.random(shape) < invalid] = N
+    flags = rng.choice(np.array([0, 1, 2, 32], np.uint8), shape)
+    image = rng.integers(0, 40, (*shape, channels)).astype(np.uint8)
+    before = disparity.copy()
+    filled = fill.surfaces(disparity, flags, image, threads=threads)
+    expected = reference.surfaces(disparity, flags & 33, image)
+    np.testing.assert_allclose(filled, expected, atol=2e-3)
+    np.testing.assert_array_equal(disparity, before)

@@ -44,7 +44,12 @@ any_settings = some.builds(
     speckle=some.none()
     | some.integers(0, 10**6)
     | some.tuples(some.integers(0, 2**31 - 1), some.floats(0, 1e6)),
-    fill=some.sampled_from([None, "background"]),
+    fill=some.sampled_from([None, "background", "interpolate", "surfaces"]),
+    weighted_median=some.none()
+    | some.sampled_from([1, 5, 11])
+    | some.tuples(some.just(3), some.floats(0.4, 1e6)),
+    edge_aware=some.none() | some.floats(0, 1e5) | some.tuples(some.floats(0, 1e5), some.floats(0.1, 1e6)),
+    confidence=some.sampled_from([None, "calibrated"]),
     step=some.integers(1, 255),
     disparity_step=some.integers(1, 255),
     threads=some.integers(0, 4096),
@@ -301,6 +306,11 @@ def test_a_changed_preset_still_says_where_it_came_from():
         ("median=5", {"median": 5}),
         ("speckle=100", {"speckle": (100, 1.0)}),
         ("speckle=100,0.5", {"speckle": (100, 0.5)}),
+        ("weighted_median=7", {"weighted_median": (7, 10.0)}),
+        ("weighted_median=7,20", {"weighted_median": (7, 20.0)}),
+        ("edge_aware=3", {"edge_aware": (3.0, 5.0)}),
+        ("edge_aware=3,2.5", {"edge_aware": (3.0, 2.5)}),
+        ("confidence=calibrated", {"confidence": "calibrated"}),
         ("speckle=100, 2", {"speckle": (100, 2.0)}),
         ("disparities=-16:48", {"disparities": (-16, 48)}),
         ("disparities=none", {"disparities": None}),
@@ -348,6 +358,12 @@ def test_the_later_assignment_wins():
         ("uniqueness=inf", "uniqueness must be"),
         ("speckle=a,b", "speckle must be a number"),
         ("speckle=1,2,3", "speckle must be"),
+        ("weighted_median=4", "weighted_median must be"),
+        ("weighted_median=13", "weighted_median must be"),
+        ("weighted_median=5,0", "weighted_median must be"),
+        ("edge_aware=-1", "edge_aware must be"),
+        ("edge_aware=1,0", "edge_aware must be"),
+        ("confidence=high", "confidence must be one of calibrated"),
         ("threads=-1", "threads must be"),
         ("threads=none", "threads must be"),
         ("step=0", "step must be a whole number from 1 to 255"),

@@ -808,6 +808,60 @@ void test_median() {
   }
 }
 
+// The Python tests hold these to their definitions; here: that they stay within their arrays, keep what is answered where they
+// say so, and do not depend on threads.
+void test_after_the_checks() {
+  Random random{14};
+  const float none = std::numeric_limits<float>::quiet_NaN();
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 20), W = random.between(1, 40), channels = random.below(2) ? 3 : 1, size = H * W;
+    const int holes = random.between(1, 6), far = random.below(3) ? 8 : 4000;
+    std::vector<float> map, sharpness;
+    std::vector<uint8_t> occluded, bytes;
+    std::vector<int32_t> image;
+    for (int k = 0; k < size; ++k) {
+      map.push_back(random.below(holes) ? static_cast<float>(random.between(-far, far)) / 3.0f : none);
+      sharpness.push_back(static_cast<float>(random.below(100)) / 99.0f);
+      occluded.push_back(static_cast<uint8_t>(random.below(2)));
+      for (int c = 0; c < channels; ++c) bytes.push_back(static_cast<uint8_t>(random.below(256)));
+    }
+    image.assign(bytes.begin(), bytes.end());
+    std::vector<float> fine(200), coarse(200), logistic(257), weights(LogisticModel::kFeatures);
+    for (int k = 0; k < 200; ++k) fine[k] = std::max(1e-6f, std::exp(-k / 3.0f)), coarse[k] = std::exp(-k / 20.0f);
+    for (int k = 0; k < 257; ++k) logistic[k] = static_cast<float>(k) / 256;
+    for (auto& weight : weights) weight = static_cast<float>(random.between(-4, 4));
+    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600))};
+    const LogisticModel model{weights.data(), weights.data(), logistic.data()};
+    const int side = 2 * random.below(6) + 1, slope = random.between(0, 4080), iterations = random.between(1, 3);
+    std::vector<std::vector<float>> first;
+    for (const int threads : {1, random.between(2, 9)}) {
+      const Workers workers{threads, [] { return false; }};
+      std::vector<std::vector<float>> found(5, std::vector<float>(size));
+      weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
+      edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
+      interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
+      fill_surfaces(map.data(), occluded.data(), guide, H, W, -5000, 5000, found[3].data(), workers);
+      std::vector<float> surface(found[3]);
+      for (auto& value : surface)
+        if (std::isnan(value)) value = 0;
+      probability(surface.data(), occluded.data(), sharpness.data(), H, W, model, found[4].data(), workers);
+      bool right = true, any = false;
+      for (const float value : map) any = any || !std::isnan(value);
+      for (int k = 0; k < size; ++k) {
+        const bool hole = std::isnan(map[k]);
+        for (int kept : {0, 1}) right = right && std::isnan(found[kept][k]) == hole;
+        for (int filled : {2, 3}) right = right && (hole || found[filled][k] == map[k]);
+        right = right && std::isnan(found[3][k]) != any && found[4][k] >= 0 && found[4][k] <= 1;
+        right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
+      }
+      CHECK(right, text(H) + "x" + text(W) + " threads " + text(threads));
+      if (first.empty()) first = found;
+      for (size_t k = 0; k < found.size(); ++k)
+        CHECK(std::memcmp(first[k].data(), found[k].data(), size * sizeof(float)) == 0, "kernel " + text(static_cast<int>(k)));
+    }
+  }
+}
+
 // The Python tests hold these to their definitions; here: that they stay within their arrays, within a pixel of where they
 // start, and do not depend on threads.
 void test_refinement_from_images() {
@@ -1590,6 +1644,7 @@ int main() {
   timed("flood", test_flood);
   timed("label", test_label);
   timed("median", test_median);
+  timed("after the checks", test_after_the_checks);
   timed("refinement from the images", test_refinement_from_images);
   timed("ties", test_ties_go_to_the_first_candidate);
   timed("small problems", test_small_problems);

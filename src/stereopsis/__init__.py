@@ -27,6 +27,7 @@ from stereopsis.optimize import (
 )
 from stereopsis.pipeline import estimate_disparities, estimate_vertical, match
 from stereopsis.pixelwise import BirchfieldTomasi, Census, Combined, Gradient, MutualInformation, Rank
+from stereopsis.reliability import Reliability, reliability
 from stereopsis.settings import NCC, PRESETS, SAD, SSD, ZNCC, ZSAD, ZSSD, Settings
 from stereopsis.sgm import SGM
 from stereopsis.sparsification import Sparsification, sparsification
@@ -63,6 +64,7 @@ __all__ = [
     "Pair",
     "PixelLocking",
     "Rank",
+    "Reliability",
     "Result",
     "Scores",
     "SecondPass",
@@ -86,6 +88,7 @@ __all__ = [
     "read_disparity",
     "read_image",
     "read_pair",
+    "reliability",
     "scenes",
     "sparsification",
     "write_disparity",

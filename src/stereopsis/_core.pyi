@@ -356,6 +356,35 @@ def planar(
     instructions: str,
     /,
 ) -> None: ...
+def weighted_median(
+    disparity: _F32, guide: _U8, size: int, slope: int, out: _F32, threads: int, /
+) -> None: ...
+def edge_aware(
+    disparity: _F32, guide: _I32, tables: _F32, strength: float, iterations: int, out: _F32, threads: int, /
+) -> None: ...
+def probability(
+    surface: _F32,
+    answered: _U8,
+    sharpness: _F32,
+    weights: _F32,
+    logistic: _F32,
+    out: _F32,
+    threads: int,
+    /,
+) -> None: ...
+def interpolate(disparity: _F32, occluded: _U8, out: _F32, /) -> None: ...
+def fill_surfaces(
+    disparity: _F32,
+    occluded: _U8,
+    guide: _I32,
+    tables: _F32,
+    strength: float,
+    least: float,
+    most: float,
+    out: _F32,
+    threads: int,
+    /,
+) -> None: ...
 def align(
     left: _I32,
     right: _I32,

@@ -7,6 +7,10 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis import _core
+from stereopsis.smooth import FILL_STRENGTH, edge_tables, guide_of
+from stereopsis.types import DisparityMap, Flag
+
 Float = TypeVar("Float", bound=np.floating[Any])
 
 
@@ -67,3 +71,99 @@ def _from_left(disparity: npt.NDArray[Float]) -> npt.NDArray[Float]:
     carried = np.take_along_axis(disparity, np.maximum(source, 0), axis=1)
     carried[source < 0] = np.nan
     return carried
+
+
+OCCLUDED = Flag.OCCLUDED | Flag.OUT_OF_VIEW
+"""What only the left camera sees: it continues what lies behind."""
+
+
+def interpolate(disparity: DisparityMap, flags: npt.NDArray[np.uint8]) -> DisparityMap:
+    """Fill every hole from the nearest answers in eight directions, by Hirschmueller's rules [1]_.
+
+    A pixel that only the left camera sees (`Flag.OCCLUDED`, `Flag.OUT_OF_VIEW`) takes the second lowest of
+    them: what hides it must not be continued. Any other takes their median, of an even number the mean of
+    the middle two. A pixel that no direction leads to an answer from stays NaN.
+
+    Parameters
+    ----------
+    disparity : ndarray of float32, (H, W)
+        Disparity in pixels; NaN where invalid. Not changed.
+    flags : ndarray of uint8, (H, W)
+        Bits of `Flag` that say why.
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+
+    References
+    ----------
+    .. [1] H. Hirschmueller, Stereo processing by semiglobal matching and mutual information, IEEE TPAMI
+       30(2), 2008, section 2.6, doi:10.1109/TPAMI.2007.1166.
+    """
+    filled = np.empty(disparity.shape, np.float32)
+    _core.interpolate(np.ascontiguousarray(disparity), _occluded(flags), filled)
+    return filled
+
+
+def surfaces(
+    disparity: DisparityMap,
+    flags: npt.NDArray[np.uint8],
+    image: npt.NDArray[Any],
+    step: float = 1.0,
+    threads: int = 0,
+) -> DisparityMap:
+    r"""Fill every hole by continuing the surfaces around it, slanted as they are.
+
+    How much the disparity rises from a pixel to the next is measured where neighbours, or both ends of a hole
+    of k pixels, differ by at most ``1.5 + k / 2`` pixels, and smoothed along the image's edges. With these
+    slopes the nearest answers to the left, to the right, above and below are continued to each missing pixel.
+
+    - Where they agree, within 12 pixels or, for what only the left camera sees, within 8, one surface
+      surrounds the hole: the pixel takes the weighted least-squares surface through all answers around
+      (`stereopsis.smooth.edge_aware` with `stereopsis.smooth.FILL_STRENGTH`).
+    - Else it takes the lower one of left and right, as in `background`; on a row without answers, of above
+      and below.
+
+    Nothing is answered beyond the least and the greatest disparity of the map. A map without any answer stays
+    as it is.
+
+    Parameters
+    ----------
+    disparity : ndarray of float32, (H, W)
+        Disparity in pixels; NaN where invalid. Not changed.
+    flags : ndarray of uint8, (H, W)
+        Bits of `Flag` that say why.
+    image : ndarray of uint8 or int32, (H, W, C)
+        The left image.
+    step : float
+        Grey levels, of 255, in one step of `image`.
+    threads : int
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+
+    References
+    ----------
+    D. Min, S. Choi, J. Lu, B. Ham, K. Sohn, M. N. Do, Fast global image smoothing based on weighted least
+    squares, IEEE TIP 23(12), 2014, doi:10.1109/TIP.2014.2366600.
+    """
+    filled = np.empty(disparity.shape, np.float32)
+    answers = disparity[np.isfinite(disparity)]
+    least, most = (answers.min(), answers.max()) if answers.size else (0, 0)
+    _core.fill_surfaces(
+        np.ascontiguousarray(disparity),
+        _occluded(flags),
+        guide_of(image),
+        edge_tables(image, step),
+        FILL_STRENGTH,
+        float(least),
+        float(most),
+        filled,
+        threads,
+    )
+    return filled
+
+
+def _occluded(flags: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    return np.ascontiguousarray(flags & np.uint8(OCCLUDED))

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from stereopsis import (
     _fused,
     aggregate,
+    confidence,
     cost,
     fill,
     information,
@@ -30,6 +31,7 @@ from stereopsis import (
     sgm,
     sky,
     slant,
+    smooth,
     upsample,
     validate,
     weigh,
@@ -83,6 +85,9 @@ def match(
     speckle: tuple[int, float] | int | None = UNSET,
     planar: Window | None = UNSET,
     fill: str | None = UNSET,
+    weighted_median: tuple[int, float] | int | None = UNSET,
+    edge_aware: tuple[float, float] | float | None = UNSET,
+    confidence: str | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
     threads: int = UNSET,
@@ -107,9 +112,10 @@ def match(
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
     cost, channels, vertical, slant, extra_windows, optimize, subpixel, refine_window, upsample
         As in `Settings`.
-    left_right, uniqueness, texture, reflection, sky, median, speckle, fill, step, disparity_step
         As in `Settings`.
-    threads, keep
+    left_right, uniqueness, texture, reflection, sky, median, speckle, planar, fill, weighted_median
+        As in `Settings`.
+    edge_aware, confidence, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -162,6 +168,9 @@ def match(
             ("speckle", speckle),
             ("planar", planar),
             ("fill", fill),
+            ("weighted_median", weighted_median),
+            ("edge_aware", edge_aware),
+            ("confidence", confidence),
             ("step", step),
             ("disparity_step", disparity_step),
             ("threads", threads),
@@ -262,15 +271,64 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             # Unchecked winners are of no use as witnesses against the sky.
             matched = None if chosen.left_right is None else disparity
             _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
+    whole = disparity
     if chosen.planar is not None:
         with _timed(timings, "planar"):
-            disparity = _planar(disparity, chosen, confidence, flags, stages.pop("winners", None))
+            whole = _planar(disparity, pixels, chosen, flags, stages.pop("winners", None))
+            disparity = np.where(flags == 0, whole, np.float32(np.nan))
+            confidence[flags != 0] = 0
     elif chosen.fill is not None:
         with _timed(timings, "fill"):
-            disparity = _filled(fill.background(disparity), disparity, flags)
+            whole = _filled(chosen.fill, disparity, flags, pixels, chosen.threads)
+    holes = np.isnan(disparity)
+    if chosen.fill is not None:
+        flags[holes & np.isfinite(whole)] |= np.uint8(Flag.FILLED)
+        disparity = whole
+    if chosen.weighted_median is not None:
+        with _timed(timings, "weighted median"):
+            size, levels = chosen.weighted_median
+            disparity = smooth.weighted_median(
+                disparity, pixels.left, size, levels, pixels.step, chosen.threads
+            )
+    if chosen.edge_aware is not None:
+        with _timed(timings, "edge-aware"):
+            strength, levels = chosen.edge_aware
+            disparity = smooth.edge_aware(
+                disparity, pixels.left, strength, levels, 2, pixels.step, chosen.threads
+            )
+            np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
+    if chosen.confidence is not None:
+        with _timed(timings, "confidence"):
+            confidence = _calibrated(disparity, ~holes, confidence, chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
+
+
+def _filled(
+    how: str, disparity: DisparityMap, flags: npt.NDArray[np.uint8], pixels: cost.Pixels, threads: int
+) -> DisparityMap:
+    match how:
+        case "interpolate":
+            return fill.interpolate(disparity, flags)
+        case "surfaces":
+            return fill.surfaces(disparity, flags, pixels.left, pixels.step, threads)
+        case _:
+            return fill.background(disparity)
+
+
+def _calibrated(
+    disparity: DisparityMap,
+    matched: npt.NDArray[np.bool_],
+    sharpness: npt.NDArray[np.float32],
+    threads: int,
+) -> npt.NDArray[np.float32]:
+    """The probability that an answer is right; 0 where there is none."""
+    # The model looks at windows: what holds no answer is seen as its background.
+    surface = np.nan_to_num(fill.background(disparity)) if np.isnan(disparity).any() else disparity
+    found = confidence.probability(surface, matched, sharpness, threads)
+    found[np.isnan(disparity)] = 0
+    return found
 
 
 def _stream(
@@ -336,32 +394,24 @@ def _semi_global(
 
 def _planar(
     disparity: DisparityMap,
+    pixels: cost.Pixels,
     chosen: Settings,
-    confidence: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
     winners: DisparityMap | None,
 ) -> DisparityMap:
-    """Draw all to the planes that they lie on, after the holes are filled, and judge again by these planes.
+    """Fill the holes, draw all to the planes that they lie on, and judge the winners by these planes.
 
     A pixel keeps its answer where its own winner lies near the plane, and only there: so one that failed a
-    check of left against right gets it back where its surroundings agree.
+    check of left against right gets it back where its surroundings agree. The flags are changed to say so.
     """
-    whole = fill.background(disparity)
+    how = "background" if chosen.fill is None else chosen.fill
+    whole = _filled(how, disparity, flags, pixels, chosen.threads)
     smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
     if winners is not None:
         near = np.abs(winners - smooth) < AGREEMENT
         flags[near & (flags & ~REVOCABLE == 0)] = 0
-        lost = ~near & (flags == 0)
-        flags[lost] |= np.uint8(Flag.MISMATCHED)
-        confidence[flags != 0] = 0
-    kept = np.where(flags == 0, smooth, np.float32(np.nan))
-    return kept if chosen.fill is None else _filled(smooth, kept, flags)
-
-
-def _filled(whole: DisparityMap, disparity: DisparityMap, flags: npt.NDArray[np.uint8]) -> DisparityMap:
-    """The whole map, of which the flags say what was filled."""
-    flags[np.isnan(disparity) & np.isfinite(whole)] |= np.uint8(Flag.FILLED)
-    return whole
+        flags[~near & (flags == 0)] = Flag.MISMATCHED
+    return smooth
 
 
 def _fit(subpixel: str | None) -> str | None:

@@ -131,7 +131,8 @@ Subpixel: TypeAlias = Literal[
 ]
 SUBPIXEL = ("parabola", "equiangular", "symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine")
 INTERPOLATIONS = ("nearest", "linear", "cubic", "lanczos", "area")
-FILLS = ("background",)
+FILLS = ("background", "interpolate", "surfaces")
+CONFIDENCES = ("calibrated",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
 MAX_VERTICAL = 1000
@@ -195,8 +196,18 @@ class Settings:
     speckle : tuple of (int, float) or None
         Regions of fewer pixels than the first, in which neighbours differ by at most the second (pixels of
         disparity), are removed.
-    fill : {"background"} or None
-        How invalid pixels are answered: from the farther neighbour on the row. None: they stay NaN.
+    fill : {"background", "interpolate", "surfaces"} or None
+        How invalid pixels are answered: from the farther neighbour on the row; from eight directions by
+        Hirschmueller's rules; by the slanted surfaces around them. None: they stay NaN.
+    weighted_median : (int, float) or None
+        Median over so many pixels square, odd, up to 11, each weighted by how much it looks like the middle
+        one: the second says over how many grey levels (of 255). After filling. None: off.
+    edge_aware : (float, float) or None
+        Weighted least squares along the image's edges, from slanted surfaces: strength, up to 100 000, and
+        the grey levels (of 255) that make an edge. After filling and the weighted median. None: off.
+    confidence : {"calibrated"} or None
+        What the result's confidence is: the probability that an answer is within 3 pixels of the truth, from
+        the map around it, for filled pixels too. None: how sharp the winner's minimum is.
     step : int
         Match only every so many-th pixel of rows and columns, from the first on; the others take the answer
         of the nearest that was matched.
@@ -232,7 +243,10 @@ class Settings:
     median: int | None = None
     speckle: tuple[int, float] | None = None
     planar: Window | None = None
-    fill: Literal["background"] | None = None
+    fill: Literal["background", "interpolate", "surfaces"] | None = None
+    weighted_median: tuple[int, float] | None = None
+    edge_aware: tuple[float, float] | None = None
+    confidence: Literal["calibrated"] | None = None
     step: int = 1
     disparity_step: int = 1
     threads: int = 0
@@ -535,6 +549,25 @@ def _checked(name: str, value: Any) -> Any:
         case "fill":
             if value is not None and value not in FILLS:
                 raise refuse(f"one of {', '.join(FILLS)}, or None")
+        case "weighted_median":
+            if value is None:
+                return None
+            side, levels = value if isinstance(value, tuple | list) and len(value) == 2 else (value, 10.0)
+            if not (_is_int(side) and 1 <= side <= 11 and side % 2 and _is_number(levels) and levels >= 0.4):
+                raise refuse("(odd side from 1 to 11, grey levels of at least 0.4), or None")
+            return int(side), float(levels)
+        case "edge_aware":
+            if value is None:
+                return None
+            strength, levels = value if isinstance(value, tuple | list) and len(value) == 2 else (value, 5.0)
+            if not (
+                _is_number(strength) and 0 <= strength <= 1e5 and _is_number(levels) and 0.1 <= levels <= 1e6
+            ):
+                raise refuse("(strength from 0 to 100000, grey levels of at least 0.1), or None")
+            return float(strength), float(levels)
+        case "confidence":
+            if value is not None and value not in CONFIDENCES:
+                raise refuse(f"one of {', '.join(CONFIDENCES)}, or None")
         case "step" | "disparity_step":
             if not (_is_int(value) and 1 <= value <= MAX_STEP):
                 raise refuse(f"a whole number from 1 to {MAX_STEP}")
@@ -674,6 +707,8 @@ def _from_text(name: str, text: str) -> Any:
             return text
         case "window" | "aggregation":
             return text
+        case "confidence":
+            return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()
         case "optimize_more_global":
@@ -699,7 +734,7 @@ def _from_text(name: str, text: str) -> Any:
             )
         case "keep":
             return tuple(part.strip() for part in text.split(",") if part.strip())
-        case "speckle":
+        case "speckle" | "weighted_median" | "edge_aware":
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
         case "texture" if text == "auto":
             return text

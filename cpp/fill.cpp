@@ -1,0 +1,138 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "parallel.hpp"
+#include "smooth.hpp"
+#include "stages.hpp"
+
+namespace stereopsis {
+
+namespace {
+
+constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+
+float lower(float a, float b) { return std::isnan(a) || b < a ? b : a; }
+
+}  // namespace
+
+void interpolate(const float* disparity, const uint8_t* occluded, int height, int width, float* filled, const Workers& workers) {
+  // Two sweeps over the rows carry the nearest answers along: from above and from the left, then from below and the right.
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    std::vector<float> first;
+    for (int sweep = 0; sweep < 2; ++sweep) {
+      // By column: the nearest answers along the two diagonals and straight, as the row before saw them.
+      std::vector<float> carried[3], now[3];
+      for (int k = 0; k < 3; ++k) carried[k].assign(width + 2, kNone), now[k].assign(width + 2, kNone);
+      const int step = sweep ? -1 : 1;
+      for (int row = 0; row < height && !cancel.load(std::memory_order_relaxed); ++row) {
+        const int y = sweep ? height - 1 - row : row;
+        float beside = kNone;
+        for (int column = 0; column < width; ++column) {
+          const int x = sweep ? width - 1 - column : column;
+          const size_t at = static_cast<size_t>(y) * width + x;
+          const float value = disparity[at], around[4] = {beside, carried[0][x + 1 - step], carried[1][x + 1],
+                                                          carried[2][x + 1 + step]};
+          if (!std::isnan(value)) {
+            beside = filled[at] = value;
+            for (auto& line : now) line[x + 1] = value;
+            continue;
+          }
+          for (int k = 0; k < 3; ++k) now[k][x + 1] = around[k + 1];
+          if (sweep == 0) {
+            first.insert(first.end(), around, around + 4);
+            continue;
+          }
+          float found[8];
+          int count = 0;
+          for (int k = 0; k < 4; ++k)
+            for (const float answer : {around[k], *(first.end() - 4 + k)})
+              if (!std::isnan(answer)) found[count++] = answer;
+          first.resize(first.size() - 4);
+          std::sort(found, found + count);
+          if (count == 0)
+            filled[at] = kNone;
+          else if (occluded[at])
+            filled[at] = found[std::min(1, count - 1)];
+          else
+            filled[at] = count % 2 ? found[count / 2] : 0.5f * (found[count / 2 - 1] + found[count / 2]);
+        }
+        for (int k = 0; k < 3; ++k) std::swap(carried[k], now[k]);
+      }
+    }
+  });
+}
+
+void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
+                   float most, float* filled, const Workers& workers) {
+  const size_t size = static_cast<size_t>(height) * width;
+  const SlopeMaps slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
+  // Continued from above and below, down and up every column.
+  std::vector<float> above(size, kNone), below(size, kNone), range(size), weight(size), base(size);
+  parallel_rows(width, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = 0; y < height && !cancel.load(std::memory_order_relaxed); ++y)
+      for (int x = begin; x < end; ++x) {
+        const size_t at = static_cast<size_t>(y) * width + x;
+        above[at] = !std::isnan(disparity[at]) ? disparity[at] : y ? above[at - width] + slopes.down[at - width] : kNone;
+      }
+    for (int y = height - 1; y >= 0 && !cancel.load(std::memory_order_relaxed); --y)
+      for (int x = begin; x < end; ++x) {
+        const size_t at = static_cast<size_t>(y) * width + x;
+        below[at] = !std::isnan(disparity[at]) ? disparity[at] : y + 1 < height ? below[at + width] - slopes.down[at] : kNone;
+      }
+  });
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    std::vector<float> before(width);
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t row = static_cast<size_t>(y) * width;
+      float carried = kNone;
+      for (int x = 0; x < width; ++x) {
+        if (x) carried += slopes.right[row + x - 1];
+        if (!std::isnan(disparity[row + x])) carried = disparity[row + x];
+        before[x] = carried;
+      }
+      carried = kNone;
+      for (int x = width - 1; x >= 0; --x) {
+        const size_t at = row + x;
+        carried -= slopes.right[at];
+        if (!std::isnan(disparity[at])) {
+          carried = filled[at] = base[at] = disparity[at];
+          weight[at] = 1;
+          continue;
+        }
+        float low = kNone, high = kNone;
+        for (const float answer : {before[x], carried, above[at], below[at]}) {
+          low = lower(low, answer);
+          high = -lower(-high, -answer);
+        }
+        range[at] = high - low;
+        const float beside = lower(before[x], carried);
+        base[at] = std::isnan(beside) ? lower(above[at], below[at]) : beside;
+        weight[at] = 1e-6f;
+      }
+    }
+  });
+  std::vector<float> missing;
+  for (size_t at = 0; at < size; ++at)
+    if (!std::isnan(disparity[at])) missing.push_back(disparity[at]);
+  if (missing.empty()) {
+    std::fill(filled, filled + size, kNone);
+    return;
+  }
+  std::nth_element(missing.begin(), missing.begin() + missing.size() / 2, missing.end());
+  const float middle = missing[missing.size() / 2];
+  std::vector<float> value(base);
+  for (size_t at = 0; at < size; ++at)
+    if (std::isnan(value[at])) value[at] = middle;
+  const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
+  const Slopes rises{slopes.right.data(), slopes.down.data()};
+  smooth({{value.data(), weight.data()}}, &rises, height, width, edges, guide.strength, 2, workers);
+  for (size_t at = 0; at < size; ++at) {
+    if (!std::isnan(disparity[at])) continue;
+    const bool surface = std::isnan(base[at]) || range[at] <= (occluded[at] ? 8.0f : 12.0f);
+    filled[at] = std::min(std::max(surface ? value[at] : base[at], least), most);
+  }
+}
+
+}  // namespace stereopsis

@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+import stereopsis as st
+from reference import confidence as reference
+from stereopsis import confidence
+from stereopsis.reliability import reliability
+
+
+@given(
+    shape=some.tuples(some.integers(1, 9), some.integers(1, 25)),
+    scale=some.sampled_from([0, 0.5, 4, 300]),
+    threads=some.sampled_from([1, 3]),
+    seed=some.integers(0, 2**32),
+)
+@settings(max_examples=40, deadline=None)
+def test_probability_is_its_definition(shape, scale, threads, seed):
+    rng = np.random.default_rng(seed)
+    surface = (scale * rng.integers(-8, 8, shape) / 3).astype(np.float32)
+    answered, sharpness = rng.random(shape) < 0.7, rng.random(shape).astype(np.float32)
+    models = (confidence.ANSWERED, confidence.FILLED)
+    found = confidence.probability(surface, answered, sharpness, threads)
+    np.testing.assert_allclose(found, reference.probability(surface, answered, sharpness, models), atol=5e-4)
+    # What the model is fitted on is what it sees.
+    seen = confidence.features(surface, answered, sharpness)
+    score = np.where(answered, seen @ np.array(models[0]), seen @ np.array(models[1]))
+    np.testing.assert_allclose(found, 1 / (1 + np.exp(-np.clip(score, -8, 8))), atol=5e-4)
+
+
+def test_a_smooth_surface_is_trusted_more_than_a_broken_one():
+    rng = np.random.default_rng(0)
+    surface = np.full((40, 80), 12, np.float32)
+    surface[:, 40:] += rng.integers(-9, 9, (40, 40)).astype(np.float32)
+    everywhere, sharpness = np.ones(surface.shape, bool), np.full(surface.shape, 0.3, np.float32)
+    trust = confidence.probability(surface, everywhere, sharpness)
+    assert trust[:, :30].min() > 0.9
+    assert trust[:, 50:].mean() < 0.3
+    assert confidence.probability(surface, ~everywhere, 0 * sharpness)[:, :30].max() < trust[:, :30].min()
+
+
+def test_calibrated_on_a_scene():
+    scene = st.scenes.street(320, 200, seed=5)
+    checks = {"disparities": (0, 64), "left_right": 1, "median": 3, "speckle": (60, 1.0), "fill": "surfaces"}
+    result = st.match(scene.left, scene.right, cost=st.ZNCC(9), confidence="calibrated", **checks)
+    plain = st.match(scene.left, scene.right, cost=st.ZNCC(9), **checks)
+    assert ((result.confidence >= 0) & (result.confidence <= 1)).all()
+    np.testing.assert_array_equal(result.disparity, plain.disparity)
+    truth = scene.disparity
+    ours, theirs = (
+        st.sparsification(found.disparity, found.confidence, truth, "bad-3") for found in (result, plain)
+    )
+    assert ours.auc < theirs.auc
+    known = np.isfinite(truth) & np.isfinite(result.disparity)
+    right = np.abs(result.disparity - truth)[known] <= 3
+    assert reliability(result.confidence[known], right).error < 0.1
+
+
+def test_reliability_by_hand():
+    trust = np.array([[0.0, 0.05, 0.5], [0.59, 1.0, 1.0]])
+    right = np.array([[False, False, True], [False, True, True]])
+    table = reliability(trust, right, bins=2)
+    np.testing.assert_array_equal(table.edges, [0, 0.5, 1])
+    np.testing.assert_allclose(table.share, [2 / 6, 4 / 6])
+    np.testing.assert_allclose(table.confidence, [0.025, 3.09 / 4])
+    np.testing.assert_allclose(table.correct, [0, 0.75])
+    assert table.error == pytest.approx((2 * 0.025 + 4 * (3.09 / 4 - 0.75)) / 6)
+    empty = reliability(trust, right, bins=100)
+    assert np.isnan(empty.correct[50:59]).sum() == 8
+    assert np.isnan(reliability(np.zeros(0), np.zeros(0, bool)).error)
+
+
+@pytest.mark.parametrize(
+    ("trust", "right", "bins", "error", "says"),
+    [
+        (np.zeros(2), np.zeros(2), 2, TypeError, "correct must be an array of bool"),
+        (np.zeros(2), np.zeros(3, bool), 2, ValueError, "same shape"),
+        (np.full(2, 1.5), np.zeros(2, bool), 2, ValueError, "confidence must be from 0 to 1"),
+        (np.full(2, np.nan), np.zeros(2, bool), 2, ValueError, "confidence must be from 0 to 1"),
+        (np.zeros(2), np.zeros(2, bool), 0, ValueError, "bins must be at least 1"),
+        (np.zeros(2), np.zeros(2, bool), 2.0, TypeError, "bins must be a whole number"),
+    ],
+)
+def test_reliability_refuses(trust, right, bins, error, says):
+    with pytest.raises(error, match=says):
+        reliability(trust, right, bins)

@@ -123,6 +123,7 @@ FILLS = ("background",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
 MAX_VERTICAL = 1000
+MAX_PYRAMID = 5
 SLANTS = ("road", "planes")
 KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes", "vertical")
 
@@ -185,6 +186,9 @@ class Settings:
         disparity), are removed.
     fill : {"background"} or None
         How invalid pixels are answered: from the farther neighbour on the row. None: they stay NaN.
+    pyramid : int or None
+        Coarse to fine: a map of images that were halved so often tells which disparities each tile of the
+        image has to search. None: everything everywhere.
     step : int
         Match only every so many-th pixel of rows and columns, from the first on; the others take the answer
         of the nearest that was matched.
@@ -220,6 +224,7 @@ class Settings:
     median: int | None = None
     speckle: tuple[int, float] | None = None
     fill: Literal["background"] | None = None
+    pyramid: int | None = None
     step: int = 1
     disparity_step: int = 1
     threads: int = 0
@@ -488,6 +493,10 @@ def _checked(name: str, value: Any) -> Any:
         case "fill":
             if value is not None and value not in FILLS:
                 raise refuse(f"one of {', '.join(FILLS)}, or None")
+        case "pyramid":
+            if value is not None and not (_is_int(value) and 1 <= value <= MAX_PYRAMID):
+                raise refuse(f"a whole number from 1 to {MAX_PYRAMID}, or None")
+            return None if value is None else int(value)
         case "step" | "disparity_step":
             if not (_is_int(value) and 1 <= value <= MAX_STEP):
                 raise refuse(f"a whole number from 1 to {MAX_STEP}")
@@ -548,6 +557,12 @@ def _check_paths(settings: Settings) -> None:
         raise ValueError(
             "upsample goes with box windows alone: not with a support as window, slant, extra_windows, "
             "optimize, step or disparity_step"
+        )
+    kept = {"costs", "right_disparity", "planes"} & set(settings.keep)
+    if settings.pyramid is not None and (kept or sampled):
+        raise ValueError(
+            "pyramid goes without step and disparity_step, and with a keep without "
+            '"costs", "right_disparity" and "planes"'
         )
     if settings.optimize is not None and sampled:
         raise ValueError("optimize must be None where step or disparity_step is more than 1")

@@ -2,8 +2,9 @@
 
 python benchmarks/pyramid.py [--repeats N] [--levels 2,3,4]
 
-2964 x 2000 pixels, 512 disparities, one thread. Each round matches with and without `pyramid`, and the ratio is
-the median over rounds. Scores are over pixels that both cameras see; *filled* after filling holes as KITTI does.
+2964 x 2000 pixels, 512 disparities, one thread. Each round matches with and without `pyramid`, and the ratio
+is the median over rounds. Scores are over pixels that both cameras see; *filled* after filling holes as KITTI
+does.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ bench: $(VENV)/.bench  ## speed and memory against OpenCV
 	$(BIN)/python benchmarks/speed.py
 
 accuracy: $(VENV)/.dev $(VENV)/.user  ## the accuracy table on the real pairs, found in DATA
-	$(BIN)/python benchmarks/accuracy.py $(DATA)/drivingstereo $(DATA)/kitti2015
+	$(BIN)/stereopsis bench accuracy $(DATA)/drivingstereo $(DATA)/kitti2015 $(DATA)/middlebury-v3
 
 clean:  ## remove what was built; .venv stays
 	rm -rf build dist demo docs/_build docs/api/generated .pytest_cache .mypy_cache .ruff_cache \

@@ -5,8 +5,9 @@
     python benchmarks/speed.py --repeats 41
 
 ``stereopsis bench speed`` times presets; this looks at the core beneath them, its memory and its floors. Each
-line times two things in turn, A B A B ..., and prints the median of the ratios A / B with their quartiles. OpenCV
-is held to one thread. A machine shared with others disturbs single times more than ratios of neighbours.
+line times two things in turn, A B A B ..., and prints the median of the ratios A / B with their quartiles.
+OpenCV is held to one thread. A machine shared with others disturbs single times more than ratios of
+neighbours.
 """
 
 from __future__ import annotations

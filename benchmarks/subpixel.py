@@ -3,7 +3,7 @@
 python benchmarks/subpixel.py [FOLDER...] [--window WINDOW] [--pairs N] [--scenes N] [--methods NAME;...]
 
 The matching is the same for all: zncc on one window, 0:128, no check, no filter; one thread. A method that
-works from the images comes after it. Each FOLDER is a benchmark in its own layout, read as by accuracy.py.
+works from the images comes after it. Each FOLDER is a benchmark in its own layout.
 The streets are 880 x 400 with Gaussian noise of 2 grey levels in each view and channel; there, those pixels
 count that both cameras see, that are not sky, and whose mean horizontal gradient (the texture that `match`
 keeps) is at least --texture grey levels a pixel over 9 x 9. Times are seconds of processor time, matching

@@ -252,11 +252,25 @@ def find_plane(
 ) -> int: ...
 @overload
 def warp(
-    image: _U8, plane: tuple[float, ...], floor: float, lowest: int, highest: int, warped: _U8, threads: int, /
+    image: _U8,
+    plane: tuple[float, ...],
+    floor: float,
+    lowest: int,
+    highest: int,
+    warped: _U8,
+    threads: int,
+    /,
 ) -> None: ...
 @overload
 def warp(
-    image: _I32, plane: tuple[float, ...], floor: float, lowest: int, highest: int, warped: _I32, threads: int, /
+    image: _I32,
+    plane: tuple[float, ...],
+    floor: float,
+    lowest: int,
+    highest: int,
+    warped: _I32,
+    threads: int,
+    /,
 ) -> None: ...
 @overload
 def move_rows(

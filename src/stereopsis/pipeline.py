@@ -32,6 +32,7 @@ from stereopsis import (
     sky,
     slant,
     smooth,
+    tiles,
     upsample,
     validate,
     weigh,
@@ -42,6 +43,8 @@ from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
+SMOOTHED = 32
+"""How far around a tile its neighbours are smoothed with it, in pixels."""
 FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine"})
 """Sub-pixel methods that need the images, not the costs."""
 
@@ -88,6 +91,7 @@ def match(
     weighted_median: tuple[int, float] | int | None = UNSET,
     edge_aware: tuple[float, float] | float | None = UNSET,
     confidence: str | None = UNSET,
+    pyramid: int | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
     threads: int = UNSET,
@@ -112,10 +116,9 @@ def match(
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
     cost, channels, vertical, slant, extra_windows, optimize, subpixel, refine_window, upsample
         As in `Settings`.
-        As in `Settings`.
     left_right, uniqueness, texture, reflection, sky, median, speckle, planar, fill, weighted_median
         As in `Settings`.
-    edge_aware, confidence, step, disparity_step, threads, keep
+    edge_aware, confidence, pyramid, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -171,6 +174,7 @@ def match(
             ("weighted_median", weighted_median),
             ("edge_aware", edge_aware),
             ("confidence", confidence),
+            ("pyramid", pyramid),
             ("step", step),
             ("disparity_step", disparity_step),
             ("threads", threads),
@@ -195,11 +199,17 @@ def match(
     return _match(pair, chosen, start, timings)
 
 
-def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]) -> Result:
+def _match(
+    pair: Pair,
+    chosen: Settings,
+    start: float,
+    timings: dict[str, float],
+    pixels: cost.Pixels | None = None,
+) -> Result:
     assert chosen.disparities is not None
     stages: dict[str, npt.NDArray[Any]] = {}
     with _timed(timings, "read"):
-        pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
+        pixels = pixels or cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
     seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
     if isinstance(chosen.vertical, Vertical) and any(chosen.vertical):
         with _timed(timings, "vertical"):
@@ -217,6 +227,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             stages["costs"] = _presented(volume, chosen, _unit(_kind(chosen), pixels.step), none)
         if "right_disparity" in chosen.keep:
             stages["right_disparity"] = disparity.copy()
+    elif chosen.pyramid is not None:
+        disparity, confidence, flags = _match_tiles(pixels, chosen, seen, timings)
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
     elif isinstance(chosen.optimize, sgm.SGM) and not composed:
@@ -276,7 +288,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
         with _timed(timings, "planar"):
             whole = _planar(disparity, pixels, chosen, flags, stages.pop("winners", None))
             disparity = np.where(flags == 0, whole, np.float32(np.nan))
-            confidence[flags != 0] = 0
+            confidence = np.where(flags == 0, stages.pop("sharpness", confidence), np.float32(0))
     elif chosen.fill is not None:
         with _timed(timings, "fill"):
             whole = _filled(chosen.fill, disparity, flags, pixels, chosen.threads)
@@ -387,7 +399,7 @@ def _semi_global(
         stages["plane"] = best.plane
     disparity, confidence, flags = best.disparity, best.confidence, best.flags
     if chosen.planar is not None:
-        stages["winners"] = disparity.copy()
+        stages["winners"], stages["sharpness"] = disparity.copy(), confidence.copy()
     _refuse(flags != 0, Flag(0), disparity, confidence, flags)
     return disparity, confidence, flags
 
@@ -443,6 +455,59 @@ def _refined(pixels: cost.Pixels, chosen: Settings, start: DisparityMap) -> Disp
             return refine.lucas_kanade(*images, start, flat, threads)
         case _:
             return refine.lucas_kanade_affine(*images, start, asked or (21, 11), threads)[0]
+
+
+def _match_tiles(
+    pixels: cost.Pixels, chosen: Settings, seen: Disparities, timings: dict[str, float]
+) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """Each tile over the range that a map of small images has there; no filter yet."""
+    shape, levels = pixels.left.shape[:2], cast(int, chosen.pyramid)
+    with _timed(timings, "coarse"):
+        plan = tiles.plan(_coarse(pixels, seen, levels, chosen.threads), 2**levels, shape, seen)
+    windows = [chosen.cost.size, *chosen.extra_windows]
+    windows += [slant.FIRST_WINDOW] if chosen.slant else []
+    beyond = SMOOTHED if chosen.optimize is not None else 2
+    halo = max(w for w, _ in windows) // 2 + beyond, max(h for _, h in windows) // 2 + beyond
+    plain = chosen.changed(
+        **dict.fromkeys(
+            ("pyramid", "vertical", "texture", "reflection", "median", "speckle", "planar", "fill")
+        ),
+        **dict.fromkeys(("weighted_median", "edge_aware", "confidence")),
+        sky=False,
+        keep=(),
+        subpixel=_fit(chosen.subpixel),
+    )
+    disparity, confidence, flags = _nothing_in_view(shape)
+    for tile in plan:
+        part = tiles.cut(tile, shape, halo)
+        images = pixels.left[part.rows, part.left], pixels.right[part.rows, part.right]
+        low, high = tile.disparities
+        own = plain.changed(disparities=(low - part.shift, high - part.shift))
+        left, right = (np.ascontiguousarray(image) for image in images)
+        found = _match(Pair(left, right), own, 0.0, timings, cost.Pixels(left, right, pixels.step))
+        answer = found.disparity[part.core] + np.float32(part.shift)
+        into = np.s_[tile.top : tile.bottom, tile.left : tile.right]
+        confidence[into], flags[into] = found.confidence[part.core], found.flags[part.core]
+        # A winner at an end that is not the whole range's may have a better one beyond it.
+        ends = (answer == low) & (low > seen.min) | (answer == high - 1) & (high < seen.max)
+        _refuse(ends, Flag.MISMATCHED, answer, confidence[into], flags[into])
+        disparity[into] = answer
+    return disparity, confidence, flags
+
+
+def _coarse(pixels: cost.Pixels, seen: Disparities, levels: int, threads: int) -> DisparityMap:
+    """A reliable map of images that were halved so often, in their own pixels."""
+    left, right = (rectify.pyramid(rectify.eight_bit(image[..., 0]), levels)[-1] for image in pixels[:2])
+    none = np.full((max(1, left.shape[0]), max(1, left.shape[1])), np.nan, np.float32)
+    if not left.size:
+        return none
+    candidates = _in_view(Disparities(seen.min >> levels, ((seen.max - 1) >> levels) + 2), left.shape[1], 1)
+    if candidates is None:
+        return none
+    small = cost.Pixels(left[..., None], right[..., None], 1.0)
+    found, _, _ = _fused.match("zncc", small, candidates, (15, 7), "parabola", 1.0, 2.0, threads)
+    found[validate.speckle(found, 20, 1.0)] = np.nan
+    return found
 
 
 def _match_upsampled(
@@ -525,7 +590,7 @@ def _compose(
         disparity += np.where(held, np.float32(0), offset) * np.float32(sampling.disparity_step)
         confidence = refine.confidence(perfect, *around)
     if chosen.planar is not None and isinstance(chosen.optimize, sgm.SGM):
-        stages["winners"] = disparity.copy()
+        stages["winners"], stages["sharpness"] = disparity.copy(), confidence.copy()
     with _timed(timings, "validate"):
         _refuse(winners.index < 0, Flag.OUT_OF_VIEW, disparity, confidence, flags)
         if chosen.uniqueness is not None:

@@ -303,9 +303,9 @@ def planar(
     .. math:: \min_{d, a, b} \sum_q \min\left((D_q - d - a u_q - b v_q)^2, \tau^2\right)
 
     over the window's pixels :math:`q` at :math:`(u, v)` from its centre; the answer is :math:`d`. From the
-    pixel as it is and no slope, each step fits a plane by least squares to what lies within :math:`\tau` of the
-    last one, so an outline stays where it is, and a slanted surface slanted. That is a mean shift [1]_ of planes.
-    Of the window every few pixels count, at most 9 columns and 7 rows.
+    pixel as it is and no slope, each step fits a plane by least squares to what lies within :math:`\tau` of
+    the last one, so an outline stays where it is, and a slanted surface slanted. That is a mean shift [1]_ of
+    planes. Of the window every few pixels count, at most 9 columns and 7 rows.
 
     Parameters
     ----------
@@ -326,8 +326,8 @@ def planar(
 
     References
     ----------
-    .. [1] D. Comaniciu, P. Meer, Mean shift: a robust approach toward feature space analysis, IEEE TPAMI 24(5),
-       2002, doi:10.1109/34.1000236.
+    .. [1] D. Comaniciu, P. Meer, Mean shift: a robust approach toward feature space analysis,
+       IEEE TPAMI 24(5), 2002, doi:10.1109/34.1000236.
     """
     smooth = np.empty(disparity.shape, np.float32)
     source = np.ascontiguousarray(disparity)

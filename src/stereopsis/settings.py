@@ -136,6 +136,7 @@ CONFIDENCES = ("calibrated",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
 MAX_VERTICAL = 1000
+MAX_PYRAMID = 5
 SLANTS = ("road", "planes")
 KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes", "vertical")
 
@@ -208,6 +209,9 @@ class Settings:
     confidence : {"calibrated"} or None
         What the result's confidence is: the probability that an answer is within 3 pixels of the truth, from
         the map around it, for filled pixels too. None: how sharp the winner's minimum is.
+    pyramid : int or None
+        Coarse to fine: a map of images that were halved so often tells which disparities each tile of the
+        image has to search. None: everything everywhere.
     step : int
         Match only every so many-th pixel of rows and columns, from the first on; the others take the answer
         of the nearest that was matched.
@@ -247,6 +251,7 @@ class Settings:
     weighted_median: tuple[int, float] | None = None
     edge_aware: tuple[float, float] | None = None
     confidence: Literal["calibrated"] | None = None
+    pyramid: int | None = None
     step: int = 1
     disparity_step: int = 1
     threads: int = 0
@@ -568,6 +573,10 @@ def _checked(name: str, value: Any) -> Any:
         case "confidence":
             if value is not None and value not in CONFIDENCES:
                 raise refuse(f"one of {', '.join(CONFIDENCES)}, or None")
+        case "pyramid":
+            if value is not None and not (_is_int(value) and 1 <= value <= MAX_PYRAMID):
+                raise refuse(f"a whole number from 1 to {MAX_PYRAMID}, or None")
+            return None if value is None else int(value)
         case "step" | "disparity_step":
             if not (_is_int(value) and 1 <= value <= MAX_STEP):
                 raise refuse(f"a whole number from 1 to {MAX_STEP}")
@@ -649,6 +658,12 @@ def _check_paths(settings: Settings) -> None:
             settings.optimize.unit_for(settings.cost.largest(channels), whole=True)
         elif isinstance(settings.cost, NCC | ZNCC):
             settings.optimize.unit_for(2.0, whole=False)
+    kept = {"costs", "right_disparity", "planes"} & set(settings.keep)
+    if settings.pyramid is not None and (kept or sampled):
+        raise ValueError(
+            "pyramid goes without step and disparity_step, and with a keep without "
+            '"costs", "right_disparity" and "planes"'
+        )
     if settings.optimize is not None and sampled:
         raise ValueError("optimize must be None where step or disparity_step is more than 1")
 

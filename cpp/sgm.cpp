@@ -91,6 +91,12 @@ struct SgmJob {
   const uint16_t* volume;  // where there is no census
   const SgmKernels* kernels;
   size_t room;
+  // P1; beyond the largest P2 it makes no difference.
+  int first() const { return std::min(settings.p1, settings.largest_p2()); }
+  // Whether all candidates of column x are in view, for certain.
+  bool sees_all(int x) const {
+    return !(census && census->shift) && x - pair.first < pair.width && x - pair.first >= pair.count - 1;
+  }
   // Candidates lo ... hi - 1 of pixel (x, y) are in view.
   void in_view(int x, int y, int* lo, int* hi) const {
     const int shift = census && census->shift ? census->shift[static_cast<size_t>(y) * pair.width + x] : 0;
@@ -134,10 +140,11 @@ class CostRows {
     }
     const Lane most = static_cast<Lane>(job_.settings.most);
     for (int x = 0; x < W; ++x) {
+      if (job_.sees_all(x)) continue;
       int lo, hi;
       job_.in_view(x, y, &lo, &hi);
-      if (lo > 0) std::fill_n(row + x * room, lo, most);
-      if (hi < D) std::fill_n(row + x * room + hi, D - hi, most);
+      std::fill_n(row + x * room, lo, most);
+      std::fill_n(row + x * room + hi, D - hi, most);
     }
   }
 
@@ -207,7 +214,7 @@ class GroupState {
         line_(2 * job.room + 64),
         no_candidate_(job.room) {
     const size_t room = job.room, row = columns_ * room;
-    for (size_t i = 0; i < room; ++i) no_candidate_.get()[i] = i < static_cast<size_t>(job.pair.count) ? Lane{0} : static_cast<Lane>(~Lane{0});
+    for (size_t i = 0; i < room; ++i) no_candidate_.get()[i] = i < static_cast<size_t>(job.pair.count) ? 0 : static_cast<Lane>(static_cast<Lane>(~Lane{0}) - job.first());
     for (const Offset& offset : group.above) {
       // One lane before and after: what is read there does not count.
       const size_t size = (offset.dy + 1) * row + 128;
@@ -245,7 +252,7 @@ class GroupState {
     row.step = group_.along < 0 ? -1 : 1;
     row.count = job_.pair.count;
     row.room = room;
-    row.along = group_.along != 0;
+    row.along = group_.along != 0 && sums;  // which leaves nothing to other rows
     row.guided = job_.settings.guide != nullptr;
     row.above = above;
     row.costs = costs;
@@ -257,8 +264,7 @@ class GroupState {
       row.least[k] = least_at(turn - offset.dy) + offset.dx * kPathsAtOnce + k;
     }
     row.least_to = least_at(turn);
-    const Lane most = static_cast<Lane>(~Lane{0});
-    row.first = static_cast<Lane>(std::min<int>(job_.settings.p1, most));
+    row.first = static_cast<Lane>(job_.first());
     for (int k = 0; k <= above; ++k) row.second[k] = second_.get() + static_cast<size_t>(k) * W;
     if (job_.settings.guide) {
       for (int k = 0; k < above; ++k) second_penalties(k, y, group_.above[k].dx, group_.above[k].dy);
@@ -369,9 +375,10 @@ class RowEnd {
     const int W = job_.pair.width, D = job_.pair.count;
     const size_t room = job_.room, at = static_cast<size_t>(y) * W;
     for (int x = 0; x < W; ++x) {
+      if (job_.sees_all(x) && room == static_cast<size_t>(D)) continue;
       int lo, hi;
       job_.in_view(x, y, &lo, &hi);
-      if (lo > 0) std::fill_n(sums + x * room, lo, uint16_t{65535});
+      std::fill_n(sums + x * room, lo, uint16_t{65535});
       std::fill(sums + x * room + hi, sums + (x + 1) * room, uint16_t{65535});
     }
     if (ends_.volume)
@@ -484,7 +491,7 @@ void sweep(const SgmJob& job, const Ends& ends, const Workers& workers) {
 void run(const SgmJob& job, const Ends& ends, const Workers& workers) {
   const int highest = job.settings.most + job.settings.largest_p2();
   if (static_cast<int64_t>(job.settings.paths) * highest > kLargestSum) throw std::invalid_argument("sums would not fit 16 bits");
-  if (highest <= 255)
+  if (highest + job.first() <= 255)
     sweep<uint8_t>(job, ends, workers);
   else
     sweep<uint16_t>(job, ends, workers);

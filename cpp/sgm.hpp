@@ -57,13 +57,13 @@ struct PathRow {
   bool along, guided;               // whether P2 differs from pixel to pixel
   int above;                        // paths that come from other rows
   const Lane* costs;                // (width, room)
-  const Lane* no_candidate;         // (room): all ones where there is no candidate, else 0
+  const Lane* no_candidate;         // (room): 0, but the largest number less P1 where there is no candidate
   const Lane* from[kPathsAtOnce];   // path k's costs at the pixel before pixel x, at [x * room]
   Lane* to[kPathsAtOnce];           // its costs at pixel x, at [x * room]
   const uint32_t* least[kPathsAtOnce];  // the least of those at `from`, at [x * kPathsAtOnce]
   uint32_t* least_to;                   // of those at `to`, in every lane of the word at [x * kPathsAtOnce + k]
   const Lane* second[kPathsAtOnce];     // P2 at pixel x
-  Lane first;                           // P1
+  Lane first;                           // P1; no cost and P1 sum to more than a lane holds
   Lane* line;                           // scratch, 2 * room
   const uint16_t* sums_before;          // (width, room), or null for none
   uint16_t* sums;                       // (width, room), or null; beyond the candidates anything

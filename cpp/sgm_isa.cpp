@@ -19,6 +19,10 @@ static STEREOPSIS_INLINE Vec load(const void* p) { return _mm512_loadu_si512(p);
 static STEREOPSIS_INLINE void store(void* p, Vec v) { _mm512_storeu_si512(p, v); }
 static STEREOPSIS_INLINE Vec zero() { return _mm512_setzero_si512(); }
 static STEREOPSIS_INLINE Vec either(Vec a, Vec b) { return _mm512_or_si512(a, b); }
+// a where `keep` has ones, and `other`, which has bits elsewhere alone
+static STEREOPSIS_INLINE Vec put(Vec a, Vec keep, Vec other) { return _mm512_ternarylogic_epi32(a, keep, other, 0xEA); }
+static STEREOPSIS_INLINE Vec is_zero(Vec a, uint8_t) { return _mm512_movm_epi8(_mm512_testn_epi8_mask(a, a)); }
+static STEREOPSIS_INLINE Vec is_zero(Vec a, uint16_t) { return _mm512_movm_epi16(_mm512_testn_epi16_mask(a, a)); }
 static STEREOPSIS_INLINE Vec table_of(const uint8_t* p) {
   return _mm512_broadcast_i32x4(_mm_load_si128(reinterpret_cast<const __m128i*>(p)));
 }
@@ -49,6 +53,9 @@ static STEREOPSIS_INLINE Vec load(const void* p) { return _mm256_loadu_si256(sta
 static STEREOPSIS_INLINE void store(void* p, Vec v) { _mm256_storeu_si256(static_cast<__m256i*>(p), v); }
 static STEREOPSIS_INLINE Vec zero() { return _mm256_setzero_si256(); }
 static STEREOPSIS_INLINE Vec either(Vec a, Vec b) { return _mm256_or_si256(a, b); }
+static STEREOPSIS_INLINE Vec put(Vec a, Vec keep, Vec other) { return _mm256_or_si256(_mm256_and_si256(a, keep), other); }
+static STEREOPSIS_INLINE Vec is_zero(Vec a, uint8_t) { return _mm256_cmpeq_epi8(a, zero()); }
+static STEREOPSIS_INLINE Vec is_zero(Vec a, uint16_t) { return _mm256_cmpeq_epi16(a, zero()); }
 static STEREOPSIS_INLINE Vec table_of(const uint8_t* p) {
   return _mm256_broadcastsi128_si256(_mm_load_si128(reinterpret_cast<const __m128i*>(p)));
 }
@@ -88,7 +95,6 @@ struct Of<uint8_t> {
   static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
 #endif
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi8)(a, b); }
-  static STEREOPSIS_INLINE Vec add_most(Vec a, Vec b) { return STEREOPSIS_V(adds_epu8)(a, b); }
   static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi8)(a, b); }
   static STEREOPSIS_INLINE Vec one_up(Vec before, Vec a) { return STEREOPSIS_V(alignr_epi8)(a, parts_before(before, a), 15); }
   static STEREOPSIS_INLINE Vec one_down(Vec a, Vec after) { return STEREOPSIS_V(alignr_epi8)(parts_after(a, after), a, 1); }
@@ -120,7 +126,6 @@ struct Of<uint16_t> {
   static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
 #endif
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi16)(a, b); }
-  static STEREOPSIS_INLINE Vec add_most(Vec a, Vec b) { return STEREOPSIS_V(adds_epu16)(a, b); }
   static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi16)(a, b); }
   static STEREOPSIS_INLINE Vec one_up(Vec before, Vec a) { return STEREOPSIS_V(alignr_epi8)(a, parts_before(before, a), 14); }
   static STEREOPSIS_INLINE Vec one_down(Vec a, Vec after) { return STEREOPSIS_V(alignr_epi8)(parts_after(a, after), a, 2); }
@@ -172,6 +177,7 @@ static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint1
     const Vec ones = STEREOPSIS_V(set1_epi8)(1);
     lo = STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpacklo_epi8)(t[0], t[1]), ones);
     hi = STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpackhi_epi8)(t[0], t[1]), ones);
+    static_assert(N == 2 || N == 4, "paths are summed in pairs");
     if constexpr (N == 4) {
       lo = STEREOPSIS_V(add_epi16)(lo, STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpacklo_epi8)(t[2], t[3]), ones));
       hi = STEREOPSIS_V(add_epi16)(hi, STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpackhi_epi8)(t[2], t[3]), ones));
@@ -207,7 +213,8 @@ static void paths_of(const PathRow<Lane>& given) {
   edge[0] = static_cast<Lane>(~Lane{0});
   edge[2 * lanes - 1] = static_cast<Lane>(~Lane{0});
   const Vec before_first = load(edge), after_last = load(edge + lanes), all_ones = L::set(static_cast<Lane>(~Lane{0}));
-  const Vec no_candidate = load(row.no_candidate + (vectors - 1) * lanes);
+  const bool padded = row.count % lanes != 0;
+  const Vec no_candidate = load(row.no_candidate + (vectors - 1) * lanes), candidate = is_zero(no_candidate, Lane{});
   Lane* const line = row.line;
   std::memcpy(line, row.no_candidate, row.room * sizeof(Lane));
   Vec line_least = zero();
@@ -216,7 +223,7 @@ static void paths_of(const PathRow<Lane>& given) {
     const ptrdiff_t at = x * room;
     const Lane* const costs = row.costs + at;
     Vec least[N], limit[N], lowest[4];
-    for (int k = N; k < 4; ++k) lowest[k] = all_ones;
+    unrolled<4 - N>([&](auto k) STEREOPSIS_INLINE_LAMBDA { lowest[N + k] = all_ones; });
     const Lane* from[N];
     Lane* to[N];
     unrolled<above>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
@@ -258,10 +265,10 @@ static void paths_of(const PathRow<Lane>& given) {
           next = L::min_but_last(below, beyond, after_last);
         else
           next = L::min(below, beyond);
-        const Vec stepped = L::add_most(next, p1);
+        const Vec stepped = L::add(next, p1);
         a = L::min(L::min(a, stepped), limit[k]);
         a = L::add(L::sub(a, least[k]), cost);
-        if (is_last) a = either(a, no_candidate);
+        if (is_last && padded) a = put(a, candidate, no_candidate);
         lowest[k] = is_first ? a : L::min(lowest[k], a);
         t[k] = a;
         if constexpr (Along && k == N - 1)
@@ -269,10 +276,12 @@ static void paths_of(const PathRow<Lane>& given) {
         else
           store(to[k] + i, a);
       });
-      if (row.sums_before)
-        add_up<N>(t, row.sums_before + at + i, row.sums + at + i, Lane{});
-      else if (row.sums)
-        add_up<N>(t, nullptr, row.sums + at + i, Lane{});
+      if constexpr (N != 3) {  // three are followed for what they leave alone
+        if (row.sums_before)
+          add_up<N>(t, row.sums_before + at + i, row.sums + at + i, Lane{});
+        else if (row.sums)
+          add_up<N>(t, nullptr, row.sums + at + i, Lane{});
+      }
     };
     if constexpr (Vectors > 0)
       unrolled<Vectors>(block);
@@ -297,7 +306,9 @@ static void paths_with(const PathRow<Lane>& row) {
 
 template <class Lane>
 static void paths(const PathRow<Lane>& row) {
-  if (!row.along) return paths_with<Lane, 4, false>(row);
+  if (!row.along && row.above == 4) return paths_with<Lane, 4, false>(row);
+  if (!row.along && row.above == 3) return paths_with<Lane, 3, false>(row);
+  if (!row.along) return paths_with<Lane, 1, false>(row);
   if (row.above == 3) return paths_with<Lane, 4, true>(row);
   if (row.above == 1) return paths_with<Lane, 2, true>(row);
   paths_with<Lane, 1, true>(row);
@@ -459,21 +470,21 @@ template <class Lane>
 static STEREOPSIS_INLINE Lane step_path(const Lane* STEREOPSIS_RESTRICT from, Lane* STEREOPSIS_RESTRICT to,
                                         const Lane* STEREOPSIS_RESTRICT costs, const Lane* STEREOPSIS_RESTRICT no_candidate,
                                         int room, int least, int p1, int p2) {
-  constexpr Lane most = static_cast<Lane>(~Lane{0});
+  const Lane most = static_cast<Lane>(static_cast<Lane>(~Lane{0}) - p1);
   const Lane limit = static_cast<Lane>(least + p2), less = static_cast<Lane>(least), penalty = static_cast<Lane>(p1);
   const auto at = [&](int i, Lane before, Lane after) {
     const Lane next = before < after ? before : after;
     const Lane stepped = static_cast<Lane>(next + penalty);
-    const Lane safe = static_cast<Lane>(stepped | -static_cast<int>(stepped < next));
-    Lane best = from[i] < safe ? from[i] : safe;
+    Lane best = from[i] < stepped ? from[i] : stepped;
     best = best < limit ? best : limit;
-    return static_cast<Lane>(static_cast<Lane>(best - less + costs[i]) | no_candidate[i]);
+    const Lane cost = static_cast<Lane>(best - less + costs[i]);
+    return no_candidate[i] ? no_candidate[i] : cost;
   };
   to[0] = at(0, most, room > 1 ? from[1] : most);
   for (int i = 1; i < room - 1; ++i) to[i] = at(i, from[i - 1], from[i + 1]);
   to[room - 1] = at(room - 1, from[room - 2], most);
-  Lane lowest = most;
-  for (int i = 0; i < room; ++i) lowest = to[i] < lowest ? to[i] : lowest;
+  Lane lowest = to[0];
+  for (int i = 1; i < room; ++i) lowest = to[i] < lowest ? to[i] : lowest;
   return lowest;
 }
 

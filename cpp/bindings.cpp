@@ -436,6 +436,15 @@ void sgm_volume(const Array<const uint16_t, 3>& costs, int first, int paths, int
   run(threads, [&](const Workers& workers) { sgm_sums(pair, cost, settings, sums.data(), kernels, workers); });
 }
 
+void bind_hide(nb::module_& m) {
+  m.def("hide_out_of_view", [](const Array<uint16_t, 3>& sums, int first, const Array<int32_t, 2>& beyond, int threads) {
+    const Pair pair{nullptr, nullptr, static_cast<int>(sums.shape(0)), static_cast<int>(sums.shape(1)), 1, first,
+                    static_cast<int>(sums.shape(2))};
+    require_shape(beyond, pair.height, pair.width);
+    run(threads, [&](const Workers& workers) { hide_out_of_view(pair, sums.data(), beyond.data(), workers); });
+  });
+}
+
 void sgm_match(const Array<const uint64_t, 3>& left, const Array<const uint64_t, 3>& right, int bits, bool aggregated, int unit,
                int first, int count, const std::optional<Array<const int16_t, 2>>& shift, int paths, int most, int p1,
                const Array<const int32_t, 1>& p2, const std::optional<Array<const uint8_t, 2>>& guide, int subpixel,
@@ -650,14 +659,14 @@ NB_MODULE(_core, m) {
   m.def("merge_pass", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
                          const Array<const float, 2>& cost, const Array<const uint8_t, 2>& flags, int kind,
                          std::tuple<double, double, double> plane, double floor, double handicap, double least, double most,
-                         int number, const HypothesisArrays& best, int threads) {
+                         bool beyond, int number, const HypothesisArrays& best, int threads) {
     const int H = std::get<0>(best).shape(0), W = std::get<0>(best).shape(1);
     const int margin = (static_cast<int>(disparity.shape(1)) - W) / 2;
     require(margin >= 0, "a pass is at least as wide as the image");
     for (const auto* array : {&disparity, &confidence, &cost}) require_shape(*array, H, W + 2 * margin);
     require_shape(flags, H, W + 2 * margin);
     const Pass pass{disparity.data(), confidence.data(), cost.data(), flags.data(), static_cast<CostKind>(kind), margin,
-                    {plane_of(plane), floor}, handicap, least, most, static_cast<uint8_t>(number)};
+                    {plane_of(plane), floor}, handicap, least, most, beyond, static_cast<uint8_t>(number)};
     const Hypothesis into = hypothesis_of(best, H, W);
     run(threads, [&](const Workers& workers) { merge_pass(pass, H, W, into, workers); });
   });
@@ -813,6 +822,7 @@ NB_MODULE(_core, m) {
   });
 
   m.attr("most_aggregated_bits") = kMostAggregatedBits;
+  bind_hide(m);
   m.def("sgm_sums", sgm_volume);
   m.def("sgm_census", sgm_match);
 }

@@ -10,6 +10,7 @@
 #include "parallel.hpp"
 #include "scratch.hpp"
 #include "stages.hpp"
+#include "winners.hpp"
 
 #if defined(__linux__)
 #include <sys/mman.h>
@@ -106,7 +107,7 @@ struct SgmJob {
   }
 };
 
-// The costs of one row after the other, up or down; what is out of view costs as much as anything can.
+// The costs of one row after the other, up or down; what is out of view costs what a match by chance does.
 template <class Lane>
 class CostRows {
  public:
@@ -138,13 +139,13 @@ class CostRows {
       const int rounding = 1 << census.unit >> 1;
       for (size_t k = 0; k < size; ++k) row[k] = static_cast<Lane>((distances[k] + rounding) >> census.unit);
     }
-    const Lane most = static_cast<Lane>(job_.settings.most);
+    const Lane by_chance = static_cast<Lane>(cost_by_chance(job_.settings.most));
     for (int x = 0; x < W; ++x) {
       if (job_.sees_all(x)) continue;
       int lo, hi;
       job_.in_view(x, y, &lo, &hi);
-      std::fill_n(row + x * room, lo, most);
-      std::fill_n(row + x * room + hi, D - hi, most);
+      std::fill_n(row + x * room, lo, by_chance);
+      std::fill_n(row + x * room + hi, D - hi, by_chance);
     }
   }
 
@@ -319,7 +320,7 @@ class GroupState {
 
 // What becomes of a row's complete sums.
 struct Ends {
-  uint16_t* volume = nullptr;  // (H, W, D): kept, 65535 where out of view
+  uint16_t* volume = nullptr;  // (H, W, D): kept as they are
   const FusedSettings* settings = nullptr;
   const FusedOutput* out = nullptr;
   int least_shift = 0, largest_shift = 0;
@@ -358,6 +359,32 @@ class Sweep {
   int turn_ = 0;
 };
 
+// A winner out of view, by its number and its sum; or -1.
+struct Beyond {
+  int index;
+  uint16_t sum;
+};
+
+uint16_t least(const uint16_t* sums, int lo, int hi) {
+  uint16_t best = 65535;
+  for (int i = lo; i < hi; ++i) best = sums[i] < best ? sums[i] : best;
+  return best;
+}
+
+// Sums out of view become 65535. The least of all, should it be one of these.
+Beyond hide(uint16_t* sums, int lo, int hi, int count) {
+  lo = std::min(lo, hi);
+  const uint16_t sum = std::min(least(sums, 0, lo), least(sums, hi, count));
+  Beyond found{-1, sum};
+  if (sum < least(sums, lo, hi)) {
+    const uint16_t* at = std::find(sums, sums + lo, sum);
+    found.index = static_cast<int>((at < sums + lo ? at : std::find(sums + hi, sums + count, sum)) - sums);
+  }
+  std::fill_n(sums, lo, uint16_t{65535});
+  std::fill(sums + hi, sums + count, uint16_t{65535});
+  return found;
+}
+
 // Makes of a row of complete sums what is asked for.
 class RowEnd {
  public:
@@ -366,7 +393,8 @@ class RowEnd {
         ends_(ends),
         all_{job.pair},
         right_(job.pair.width + job.pair.count + (ends.largest_shift - ends.least_shift) + job.room),
-        scratch_(winner_scratch(job.pair.width, job.room)) {
+        scratch_(winner_scratch(job.pair.width, job.room)),
+        beyond_(job.pair.width) {
     all_.first += ends.least_shift;
     all_.count += ends.largest_shift - ends.least_shift;
   }
@@ -374,18 +402,28 @@ class RowEnd {
   void row(int y, uint16_t* sums) {
     const int W = job_.pair.width, D = job_.pair.count;
     const size_t room = job_.room, at = static_cast<size_t>(y) * W;
-    for (int x = 0; x < W; ++x) {
-      if (job_.sees_all(x) && room == static_cast<size_t>(D)) continue;
-      int lo, hi;
-      job_.in_view(x, y, &lo, &hi);
-      std::fill_n(sums + x * room, lo, uint16_t{65535});
-      std::fill(sums + x * room + hi, sums + (x + 1) * room, uint16_t{65535});
-    }
     if (ends_.volume)
       for (int x = 0; x < W; ++x) std::copy_n(sums + x * room, D, ends_.volume + (at + x) * D);
     if (!ends_.out) return;
+    for (int x = 0; x < W; ++x) {
+      beyond_[x].index = -1;
+      if (job_.sees_all(x) && room == static_cast<size_t>(D)) continue;
+      int lo, hi;
+      job_.in_view(x, y, &lo, &hi);
+      beyond_[x] = hide(sums + x * room, lo, hi, D);
+      std::fill(sums + x * room + D, sums + (x + 1) * room, uint16_t{65535});
+    }
     const int16_t* shift = job_.census && job_.census->shift ? job_.census->shift + at : nullptr;
     job_.kernels->winners({&all_, ends_.settings, D, shift, ends_.least_shift, room, sums, right_.get(), scratch_.get(), ends_.out, y});
+    for (int x = 0; x < W; ++x) {
+      if (beyond_[x].index < 0) continue;
+      const FusedOutput& out = *ends_.out;
+      const int disparity = job_.pair.first + (shift ? shift[x] : 0) + beyond_[x].index;
+      out.disparity[at + x] = out.cost ? static_cast<float>(disparity) : std::numeric_limits<float>::quiet_NaN();
+      out.confidence[at + x] = 0;
+      out.flags[at + x] = kOutOfView;
+      if (out.cost) out.cost[at + x] = beyond_[x].sum;
+    }
   }
 
  private:
@@ -394,6 +432,7 @@ class RowEnd {
   Pair all_;
   Block<uint32_t> right_;
   Block<int32_t> scratch_;
+  std::vector<Beyond> beyond_;
 };
 
 // Rows that are followed again at a time: their sums stay in the cache, and what is kept of the others is little.
@@ -505,6 +544,18 @@ void sgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settin
   Ends ends;
   ends.volume = sums;
   run(job, ends, workers);
+}
+
+void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const Workers& workers) {
+  parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
+      for (int x = 0; x < pair.width; ++x) {
+        const size_t at = static_cast<size_t>(y) * pair.width + x;
+        const int highest = x - pair.first;
+        const int lo = std::clamp(highest - (pair.width - 1), 0, pair.count), hi = std::clamp(highest + 1, 0, pair.count);
+        beyond[at] = hide(sums + at * pair.count, lo, hi, pair.count).index;
+      }
+  });
 }
 
 void sgm_census(const Pair& pair, const CensusCosts& costs, const SgmSettings& settings, const FusedSettings& select,

@@ -122,10 +122,15 @@ struct CensusCosts {
 // The sums over 3 x 3 have to pass through bytes, three at a time.
 constexpr int kMostAggregatedBits = 85;
 
-// Sums of a volume of costs in units, (H, W, D), 65535 where out of view; a candidate is a pair's, by its first and count.
+// What a candidate out of view costs: unrelated strings differ in half of their bits, unrelated windows do not correlate.
+constexpr int cost_by_chance(int most) { return (most + 1) / 2; }
+
+// Sums of a volume of costs in units, (H, W, D); a candidate is a pair's, by its first and count.
 struct Workers;
 void sgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settings, uint16_t* sums, const SgmKernels& kernels,
               const Workers& workers);
+// Sums out of view become 65535; `beyond` (H, W) is the number of a pixel's least sum where that is one of them, else -1.
+void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const Workers& workers);
 // The winners of the sums of census costs, with no more in memory than one volume of sums.
 void sgm_census(const Pair& pair, const CensusCosts& costs, const SgmSettings& settings, const FusedSettings& select,
                 const FusedOutput& out, const SgmKernels& kernels, const Workers& workers);

@@ -5,6 +5,7 @@
 
 #include "parallel.hpp"
 #include "stages.hpp"
+#include "winners.hpp"
 
 namespace stereopsis {
 
@@ -163,12 +164,13 @@ void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best,
         if (!(left_over < best.misfit[to])) continue;
         // The warped column that the residual leads to says how far the warp had moved it.
         const double rest = pass.disparity[from], d = rest + pass.surface.at(x - rest, y);
-        if (!(x - d >= 0 && x - d <= width - 1 && d >= pass.least && d <= pass.most)) continue;
+        const bool inside = x - d >= 0 && x - d <= width - 1;
+        if (!(d >= pass.least && d <= pass.most && (inside || pass.beyond))) continue;
         best.disparity[to] = static_cast<float>(d);
-        best.confidence[to] = pass.confidence[from];
+        best.confidence[to] = inside ? pass.confidence[from] : 0;
         best.misfit[to] = left_over;
         best.cost[to] = pass.cost[from];
-        best.flags[to] = pass.flags[from];
+        best.flags[to] = inside ? pass.flags[from] : static_cast<uint8_t>(kOutOfView);
         best.plane[to] = pass.number;
       }
   });

@@ -165,6 +165,7 @@ struct Pass {
   Surface surface;
   double handicap;     // factor on what the pass leaves unexplained
   double least, most;  // disparities that may be answered
+  bool beyond;         // whether a winner out of the right image's view counts as one, with that flag
   uint8_t number;
 };
 // The best so far, (H, W) each.

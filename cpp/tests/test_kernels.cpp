@@ -1033,7 +1033,7 @@ void test_merging() {
     std::vector<uint8_t> best_flags(size, 32), best_plane(size, 0);
     const Hypothesis into{best[0].data(), best[1].data(), best[2].data(), best[3].data(), best_flags.data(), best_plane.data()};
     const Pass pass{disparity.data(), confidence.data(), cost.data(), flags.data(), CostKind::zncc, margin,
-                    {{0.25, 0.5, 0}, -1e300}, 0.9, -2.5, 5.5, 7};
+                    {{0.25, 0.5, 0}, -1e300}, 0.9, -2.5, 5.5, false, 7};
     const Workers workers{random.between(1, 4), [] { return false; }};
     merge_pass(pass, H, W, into, workers);
     bool right = true;

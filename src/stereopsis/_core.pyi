@@ -306,6 +306,7 @@ def merge_pass(
     handicap: float,
     least: float,
     most: float,
+    beyond: bool,
     number: int,
     best: tuple[npt.NDArray[Any], ...],
     threads: int,
@@ -449,6 +450,9 @@ def sgm_sums(
     threads: int,
     instructions: str,
     /,
+) -> None: ...
+def hide_out_of_view(
+    sums: npt.NDArray[np.uint16], first: int, beyond: _I32, threads: int, /
 ) -> None: ...
 def sgm_census(
     left: npt.NDArray[np.uint64],

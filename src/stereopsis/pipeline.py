@@ -272,7 +272,7 @@ def _match(
             _refuse(apart > chosen.reflection, Flag.MISMATCHED, disparity, confidence, flags)
     if "unfiltered" in chosen.keep:
         stages["unfiltered"] = disparity.copy()
-    if chosen.median is not None:
+    if chosen.median is not None and chosen.planar is None:
         with _timed(timings, "median"):
             disparity = refine.median(disparity, chosen.median, chosen.threads)
     if chosen.speckle is not None:
@@ -376,7 +376,9 @@ def _semi_global(
         winners = _fused.match_sgm(census, view, candidates, solver, *checks, winning_cost=costs)
         # A sum of path costs counts as it is, as a squared difference does.
         kind, floor = cost.KINDS.index("ssd"), -math.inf if plane == slant.LEVEL else seen.min
-        slant.merge_pass(best, winners, costs, kind, plane, number, 1.0, seen, chosen.threads, floor=floor)
+        slant.merge_pass(
+            best, winners, costs, kind, plane, number, 1.0, seen, chosen.threads, floor=floor, beyond=True
+        )
 
     with _timed(timings, "match"):
         along(slant.LEVEL, pixels, seen, 0)
@@ -390,7 +392,7 @@ def _semi_global(
     if ground is not None:
         with _timed(timings, "match along the ground"):
             views = slant.warped(
-                pixels.left, pixels.right, ground, slant.MARGIN, chosen.threads, floor=seen.min
+                pixels.left, pixels.right, ground, 0, chosen.threads, floor=seen.min
             )
             candidates = Disparities(-slant.MARGIN, max(slant.MARGIN, seen.span - slant.MARGIN))
             along(ground, cost.Pixels(*views, pixels.step), candidates, 1)
@@ -418,6 +420,8 @@ def _planar(
     """
     how = "background" if chosen.fill is None else chosen.fill
     whole = _filled(how, disparity, flags, pixels, chosen.threads)
+    if chosen.median is not None:
+        whole = refine.median(whole, chosen.median, chosen.threads)
     smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
     if winners is not None:
         near = np.abs(winners - smooth) < AGREEMENT
@@ -562,9 +566,11 @@ def _compose(
             )
         solver, unit = None, 1.0
     perfect = -1.0 if kind in ("ncc", "zncc") else 0.0
+    beyond = None
     if isinstance(solver, sgm.SGM):
         with _timed(timings, "optimize"):
             volume = _path_sums(volume, pixels, chosen, solver, seen, perfect, unit)
+            beyond = sgm.out_of_view(volume, seen.min, threads)
         solver, unit, perfect = None, 1.0, 0.0
 
     if solver is None:
@@ -589,6 +595,8 @@ def _compose(
         disparity = (winners.index * sampling.disparity_step + np.int32(seen.min)).astype(np.float32)
         disparity += np.where(held, np.float32(0), offset) * np.float32(sampling.disparity_step)
         confidence = refine.confidence(perfect, *around)
+    if beyond is not None:
+        disparity = np.where(beyond < 0, disparity, np.float32(seen.min) + beyond.astype(np.float32))
     if chosen.planar is not None and isinstance(chosen.optimize, sgm.SGM):
         stages["winners"], stages["sharpness"] = disparity.copy(), confidence.copy()
     with _timed(timings, "validate"):
@@ -600,6 +608,9 @@ def _compose(
             failed = validate.left_right(winners.index, right, seen.min, chosen.left_right, sampling)
             for flag in (Flag.OCCLUDED, Flag.MISMATCHED):
                 _refuse(failed == flag, flag, disparity, confidence, flags)
+        if beyond is not None:
+            flags[beyond >= 0] = 0
+            _refuse(beyond >= 0, Flag.OUT_OF_VIEW, disparity, confidence, flags)
 
     if "costs" in chosen.keep:
         stages["costs"] = _presented(volume, chosen, unit, seen)

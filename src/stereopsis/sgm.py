@@ -67,8 +67,9 @@ class SGM:
 
     Notes
     -----
-    A candidate out of view costs as much as the cost can be, so that paths go on through it, and never wins.
-    That largest cost is what the costs of pixels and the correlations (2, counted from a perfect match) state,
+    A candidate out of view costs what one does by chance, half of the largest cost, so that paths go on
+    through it. Where one has the least sum, the pixel is out of view: what it shows lies beside the right image.
+    The largest cost is what the costs of pixels and the correlations (2, counted from a perfect match) state,
     and for others the largest in view.
 
     References
@@ -174,7 +175,7 @@ def _units(value: float, unit: float) -> int:
 def quantised(
     volume: npt.NDArray[Any], perfect: float, scale: float, unit: float, most: float
 ) -> npt.NDArray[np.uint16]:
-    """Costs in units, counted from a perfect match; what is worse than `most`, or out of view, as that.
+    """Costs in units, counted from a perfect match; out of view what a match by chance costs, half of `most`.
 
     Parameters
     ----------
@@ -190,11 +191,11 @@ def quantised(
     -------
     ndarray of uint16, (H, W, D)
     """
-    top = _units(most, unit)
+    top, worst = _units(most, unit), np.iinfo(volume.dtype).max if volume.dtype.kind in "iu" else np.inf
     out = np.empty(volume.shape, np.uint16)
     for row, costs in zip(out, volume, strict=True):  # row by row: there is no second volume of doubles
         counted = np.floor((costs.astype(np.float64) - perfect) * (scale / unit) + 0.5)
-        row[...] = np.clip(counted, 0, top)
+        row[...] = np.where(costs < worst, np.clip(counted, 0, top), (top + 1) // 2)
     return out
 
 
@@ -234,7 +235,6 @@ def sums(
     Returns
     -------
     ndarray of uint16, (H, W, D)
-        65535 where a candidate is out of view.
     """
     out = np.empty_like(costs)
     kind = _core.mgm_sums if settings.more_global else _core.sgm_sums
@@ -251,3 +251,23 @@ def sums(
         os.environ.get(ENVIRONMENT, ""),
     )
     return out
+
+
+def out_of_view(sums: npt.NDArray[np.uint16], first: int, threads: int = 0) -> npt.NDArray[np.int32]:
+    """Set the sums of candidates out of view to 65535, in place, and tell where one of them was the least.
+
+    Parameters
+    ----------
+    sums : ndarray of uint16, (H, W, D)
+    first : int
+        Disparity of candidate 0.
+    threads : int
+
+    Returns
+    -------
+    ndarray of int32, (H, W)
+        The number of that candidate; -1 where the least sum is in view.
+    """
+    beyond = np.empty(sums.shape[:2], np.int32)
+    _core.hide_out_of_view(sums, first, beyond, threads)
+    return beyond

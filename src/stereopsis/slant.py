@@ -269,6 +269,7 @@ def merge_pass(
     threads: int = 0,
     *,
     floor: float = -math.inf,
+    beyond: bool = False,
 ) -> None:
     r"""Take a pass's winners over into `best`, in place, where they leave less unexplained.
 
@@ -296,6 +297,8 @@ def merge_pass(
     threads : int
     floor : float
         As for `warped`.
+    beyond : bool
+        Whether a winner whose match lies outside the right image is one all the same, `Flag.OUT_OF_VIEW`.
     """
     low, high = disparities.min - 0.5, disparities.max - 0.5
     disparity, confidence, flags = found
@@ -310,6 +313,7 @@ def merge_pass(
         factor,
         low,
         high,
+        beyond,
         number,
         tuple(best),
         threads,

@@ -443,7 +443,7 @@ def _optimizer(chosen: Any, before: Optimizer | SGM | None, parts: Mapping[str, 
     if kind is SGM:
         return SGM(**values)
     smoothness = Smoothness(*(values.pop(part) for part in ("norm", "weight", "truncation")))
-    return cast("Optimizer", kind(smoothness, **values))
+    return cast("type[Optimizer]", kind)(smoothness, **values)
 
 
 def _checked(name: str, value: Any) -> Any:

@@ -68,8 +68,8 @@ class SGM:
     Notes
     -----
     A candidate out of view costs as much as the cost can be, so that paths go on through it, and never wins.
-    That largest cost is what the costs of pixels and the correlations (2, counted from a perfect match) state,
-    and for others the largest in view.
+    That largest cost is what costs of pixels and correlations (2, counted from a perfect match) state, and
+    for others the largest in view.
 
     References
     ----------
@@ -135,7 +135,7 @@ class SGM:
             fitting *= 2
         if self.unit is None:
             return fitting
-        if self.unit < fitting:
+        if self.largest_sum(most, self.unit) > LARGEST_SUM:
             raise ValueError(
                 f"unit must be at least {fitting:g}, not {self.unit:g}: {self.paths} paths of costs of up to "
                 f"{most:g} and p2 = {self.p2:g} sum to up to {self.largest_sum(most, self.unit)} units, and "

@@ -265,7 +265,7 @@ class GroupState {
     }
     row.least_to = least_at(turn);
     row.first = static_cast<Lane>(job_.first());
-    for (int k = 0; k <= above; ++k) row.second[k] = second_.get() + static_cast<size_t>(k) * W;
+    for (int k = 0; k < above + row.along; ++k) row.second[k] = second_.get() + static_cast<size_t>(k) * W;
     if (job_.settings.guide) {
       for (int k = 0; k < above; ++k) second_penalties(k, y, group_.above[k].dx, group_.above[k].dy);
       if (row.along) second_penalties(above, y, -row.step, 0);

@@ -420,6 +420,7 @@ SgmSettings sgm_settings(int paths, int most, int p1, const Array<const int32_t,
   return settings;
 }
 
+template <bool MoreGlobal>
 void sgm_volume(const Array<const uint16_t, 3>& costs, int first, int paths, int most, int p1, const Array<const int32_t, 1>& p2,
                 const std::optional<Array<const uint8_t, 2>>& guide, const Array<uint16_t, 3>& sums, int threads,
                 const std::string& instructions) {
@@ -433,7 +434,13 @@ void sgm_volume(const Array<const uint16_t, 3>& costs, int first, int paths, int
   for (size_t k = 0; k < costs.size(); ++k) largest = cost[k] > largest ? cost[k] : largest;
   require(largest <= most, "costs above the most");
   const SgmKernels& kernels = choose_sgm(instructions);
-  run(threads, [&](const Workers& workers) { sgm_sums(pair, cost, settings, sums.data(), kernels, workers); });
+  require(!MoreGlobal || paths == 4 || paths == 8, "4 or 8 directions");
+  run(threads, [&](const Workers& workers) {
+    if (MoreGlobal)
+      mgm_sums(pair, cost, settings, sums.data(), workers);
+    else
+      sgm_sums(pair, cost, settings, sums.data(), kernels, workers);
+  });
 }
 
 void bind_hide(nb::module_& m) {
@@ -823,6 +830,7 @@ NB_MODULE(_core, m) {
 
   m.attr("most_aggregated_bits") = kMostAggregatedBits;
   bind_hide(m);
-  m.def("sgm_sums", sgm_volume);
+  m.def("sgm_sums", sgm_volume<false>);
+  m.def("mgm_sums", sgm_volume<true>);
   m.def("sgm_census", sgm_match);
 }

@@ -7,7 +7,8 @@ namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
-constexpr int N = kPlanarBlock;
+constexpr int N = Simd::lanes;
+static_assert(kPlanarBlock % N == 0, "rows can be read a block beyond their end");
 // Square pixels added to the samples' spread, so that a slope across a single row or column is 0.
 constexpr float kRidge = 0.25f;
 
@@ -20,27 +21,46 @@ struct Planes {
   float at[N], a[N], b[N];
 };
 
+// Sums over the samples near the plane, row by row.
 static STEREOPSIS_INLINE void gather(const PlanarRow& row, int first, const Planes& planes, Moments& sums) {
-  sums = {};
-  for (int v = -row.rows.reach; v <= row.rows.reach; v += row.rows.step)
+  using F = Simd::F;
+  const F zero = Simd::set(0.0f), one = Simd::set(1.0f), limit = Simd::set(row.tolerance * row.tolerance);
+  const F at = Simd::load(planes.at), a = Simd::load(planes.a), b = Simd::load(planes.b);
+  F n = zero, x = zero, y = zero, xx = zero, xy = zero, yy = zero, z = zero, zx = zero, zy = zero;
+  for (int v = -row.rows.reach; v <= row.rows.reach; v += row.rows.step) {
+    const F down = Simd::set(static_cast<float>(v)), rise = Simd::mul(b, down);
+    F row_n = zero, row_x = zero, row_xx = zero, row_z = zero, row_zx = zero;
     for (int u = -row.columns.reach; u <= row.columns.reach; u += row.columns.step) {
-      const float* STEREOPSIS_RESTRICT d = row.around + v * row.stride + first + u;
-      const float x = static_cast<float>(u), y = static_cast<float>(v), xx = x * x, xy = x * y, yy = y * y;
-      for (int i = 0; i < N; ++i) {
-        const float z = d[i] - planes.at[i], off = z - (planes.a[i] * x + planes.b[i] * y);
-        const bool on = (off < 0 ? -off : off) < row.tolerance;  // NaN is not
-        const float one = on ? 1.0f : 0.0f, rise = on ? z : 0.0f;
-        sums.n[i] += one;
-        sums.x[i] += one * x;
-        sums.y[i] += one * y;
-        sums.xx[i] += one * xx;
-        sums.xy[i] += one * xy;
-        sums.yy[i] += one * yy;
-        sums.z[i] += rise;
-        sums.zx[i] += rise * x;
-        sums.zy[i] += rise * y;
-      }
+      const F along = Simd::set(static_cast<float>(u));
+      const F here = Simd::sub(Simd::load(row.around + v * row.stride + first + u), at);
+      const F off = Simd::sub(here, Simd::add(Simd::mul(a, along), rise));
+      const auto on = Simd::less(Simd::mul(off, off), limit);  // NaN is not
+      const auto add = [&](F& sum, F term) { sum = Simd::select(on, Simd::add(sum, term), sum); };
+      add(row_n, one);
+      add(row_x, along);
+      add(row_xx, Simd::mul(along, along));
+      add(row_z, here);
+      add(row_zx, Simd::mul(here, along));
     }
+    n = Simd::add(n, row_n);
+    x = Simd::add(x, row_x);
+    y = Simd::add(y, Simd::mul(row_n, down));
+    xx = Simd::add(xx, row_xx);
+    xy = Simd::add(xy, Simd::mul(row_x, down));
+    yy = Simd::add(yy, Simd::mul(row_n, Simd::mul(down, down)));
+    z = Simd::add(z, row_z);
+    zx = Simd::add(zx, row_zx);
+    zy = Simd::add(zy, Simd::mul(row_z, down));
+  }
+  Simd::store(sums.n, n);
+  Simd::store(sums.x, x);
+  Simd::store(sums.y, y);
+  Simd::store(sums.xx, xx);
+  Simd::store(sums.xy, xy);
+  Simd::store(sums.yy, yy);
+  Simd::store(sums.z, z);
+  Simd::store(sums.zx, zx);
+  Simd::store(sums.zy, zy);
 }
 
 static STEREOPSIS_INLINE void fit(const Moments& sums, Planes& planes) {

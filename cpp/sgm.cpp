@@ -266,7 +266,7 @@ class GroupState {
     }
     row.least_to = least_at(turn);
     row.first = static_cast<Lane>(job_.first());
-    for (int k = 0; k <= above; ++k) row.second[k] = second_.get() + static_cast<size_t>(k) * W;
+    for (int k = 0; k < above + row.along; ++k) row.second[k] = second_.get() + static_cast<size_t>(k) * W;
     if (job_.settings.guide) {
       for (int k = 0; k < above; ++k) second_penalties(k, y, group_.above[k].dx, group_.above[k].dy);
       if (row.along) second_penalties(above, y, -row.step, 0);
@@ -544,6 +544,59 @@ void sgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settin
   Ends ends;
   ends.volume = sums;
   run(job, ends, workers);
+}
+
+void mgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settings, uint16_t* sums, const Workers& workers) {
+  const int H = pair.height, W = pair.width, D = pair.count;
+  const size_t pixels = static_cast<size_t>(H) * W;
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    // One direction's costs, with a candidate on either side that nothing steps from.
+    const size_t slot = static_cast<size_t>(D) + 2;
+    const Block<int32_t> line(pixels * slot), least(pixels);
+    std::vector<int32_t> told(D);
+    std::fill_n(line.get(), pixels * slot, 1 << 29);
+    std::fill_n(sums, pixels * D, uint16_t{0});
+    int dx = 1, dy = 0;
+    for (int turn = 0; turn < settings.paths; ++turn) {
+      const Offset before[2] = {{-dx, -dy}, {dy, -dx}};
+      // The order in which both pixels before come before: by the rows, or where these do not tell, by the columns.
+      const int down = dy + dx, right = dx - dy;
+      const bool rows_first = down != 0;
+      const int outer = rows_first ? H : W, inner = rows_first ? W : H;
+      for (int o = 0; o < outer && !cancel.load(std::memory_order_relaxed); ++o)
+        for (int n = 0; n < inner; ++n) {
+          const int y = rows_first ? (down > 0 ? o : H - 1 - o) : n;
+          const int x = rows_first ? (right >= 0 ? n : W - 1 - n) : (right > 0 ? o : W - 1 - o);
+          const size_t at = static_cast<size_t>(y) * W + x;
+          int32_t* const here = line.get() + at * slot + 1;
+          int tellers = 0;
+          for (const Offset& offset : before) {
+            const int v = y + offset.dy, u = x + offset.dx;
+            if (v < 0 || v >= H || u < 0 || u >= W) continue;
+            const size_t there = static_cast<size_t>(v) * W + u;
+            const int32_t* const from = line.get() + there * slot + 1;
+            const int32_t m = least.get()[there], first = settings.p1;
+            const int32_t limit = m + settings.p2[settings.guide ? std::abs(settings.guide[at] - settings.guide[there]) : 0];
+            for (int i = 0; i < D; ++i) {
+              const int32_t best = std::min(std::min(from[i], std::min(from[i - 1], from[i + 1]) + first), limit) - m;
+              told[i] = tellers ? told[i] + best : best;
+            }
+            ++tellers;
+          }
+          int32_t lowest = 1 << 29;
+          for (int i = 0; i < D; ++i) {
+            here[i] = costs[at * D + i] + (tellers == 2 ? told[i] >> 1 : tellers ? told[i] : 0);
+            lowest = std::min(lowest, here[i]);
+            sums[at * D + i] = static_cast<uint16_t>(sums[at * D + i] + here[i]);
+          }
+          least.get()[at] = lowest;
+        }
+      // A quarter turn; after four of them, on to the diagonals.
+      const int turned = dx;
+      dx = -dy, dy = turned;
+      if (turn == 3) dx = 1, dy = 1;
+    }
+  });
 }
 
 void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const Workers& workers) {

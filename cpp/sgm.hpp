@@ -131,6 +131,10 @@ void sgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settin
               const Workers& workers);
 // Sums out of view become 65535; `beyond` (H, W) is the number of a pixel's least sum where that is one of them, else -1.
 void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const Workers& workers);
+// More-global matching (Facciolo, de Franchis, Meinhardt 2015, doi:10.5244/C.29.90), 4 or 8 directions: a pixel takes the mean,
+// rounded down, of what two pixels tell it, one step back and one step back at right angles, a quarter turn on; or what one
+// does where the other lies outside.
+void mgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settings, uint16_t* sums, const Workers& workers);
 // The winners of the sums of census costs, with no more in memory than one volume of sums.
 void sgm_census(const Pair& pair, const CensusCosts& costs, const SgmSettings& settings, const FusedSettings& select,
                 const FusedOutput& out, const SgmKernels& kernels, const Workers& workers);

@@ -17,6 +17,7 @@
 #include "../dispatch.hpp"
 #include "../parallel.hpp"
 #include "../pixelwise.hpp"
+#include "../sgm.hpp"
 #include "../stages.hpp"
 
 using namespace stereopsis;
@@ -1613,6 +1614,101 @@ void test_combined_costs() {
   }
 }
 
+// ---- semi-global matching ---------------------------------------------------------------------------------------------
+
+// Sums over the paths, from the formula.
+std::vector<uint16_t> naive_path_sums(const Pair& pair, const std::vector<uint16_t>& costs, const SgmSettings& settings) {
+  const int H = pair.height, W = pair.width, D = pair.count;
+  std::vector<std::pair<int, int>> steps{{1, 0}, {-1, 0}};
+  if (settings.paths >= 4) steps.push_back({0, 1});
+  if (settings.paths >= 5) steps.insert(steps.end(), {{1, 1}, {-1, 1}});
+  if (settings.paths == 4) steps.push_back({0, -1});
+  if (settings.paths >= 8) steps.insert(steps.end(), {{0, -1}, {1, -1}, {-1, -1}});
+  if (settings.paths == 16)
+    for (const int a : {-1, 1})
+      for (const int b : {-1, 1}) steps.insert(steps.end(), {{a, 2 * b}, {2 * a, b}});
+  std::vector<uint16_t> sums(costs.size(), 0);
+  std::vector<int> path(costs.size());
+  for (const auto& [dx, dy] : steps) {
+    for (int n = 0; n < H * W; ++n) {
+      const int k = dy > 0 || (dy == 0 && dx > 0) ? n : H * W - 1 - n, y = k / W, x = k % W, v = y - dy, u = x - dx;
+      const bool inside = 0 <= v && v < H && 0 <= u && u < W;
+      const int* before = path.data() + static_cast<size_t>(inside ? v * W + u : 0) * D;
+      const int least = inside ? *std::min_element(before, before + D) : 0;
+      const int p2 = settings.p2[settings.guide && inside ? std::abs(settings.guide[k] - settings.guide[v * W + u]) : 0];
+      for (int i = 0; i < D; ++i) {
+        int told = inside ? std::min(before[i], least + p2) : 0;
+        if (inside && i > 0) told = std::min(told, before[i - 1] + settings.p1);
+        if (inside && i + 1 < D) told = std::min(told, before[i + 1] + settings.p1);
+        const size_t at = static_cast<size_t>(k) * D + i;
+        path[at] = costs[at] + told - least;
+        sums[at] = static_cast<uint16_t>(sums[at] + path[at]);
+      }
+    }
+  }
+  return sums;
+}
+
+void test_path_sums() {
+  Random random{83};
+  for (int n = 0; n < 60; ++n) {
+    const int counts[] = {1, 2, 31, 33, 64, 65, 128, 129}, paths[] = {2, 4, 5, 8, 16};
+    const int H = random.between(1, 20), W = random.between(1, 14), D = counts[random.below(8)];
+    const Pair pair{nullptr, nullptr, H, W, 1, random.between(-D, W), D};
+    const int most = n % 2 ? 60 : 400, p1 = random.between(0, 20);
+    std::vector<int32_t> p2(256);
+    for (auto& v : p2) v = p1 + random.below(100);
+    std::vector<uint8_t> guide(static_cast<size_t>(H) * W);
+    for (auto& v : guide) v = static_cast<uint8_t>(random.below(256));
+    std::vector<uint16_t> costs(guide.size() * D);
+    for (auto& v : costs) v = static_cast<uint16_t>(random.below(most + 1));
+    const SgmSettings settings{paths[n % 5], most, p1, p2.data(), n % 3 ? guide.data() : nullptr};
+    const auto wanted = naive_path_sums(pair, costs, settings);
+    for (const FusedKernel* kernel : available_kernels())
+      for (const int threads : {1, 2, 7}) {
+        std::vector<uint16_t> sums(costs.size());
+        sgm_sums(pair, costs.data(), settings, sums.data(), choose_sgm(kernel->name), Workers{threads, [] { return false; }});
+        CHECK(sums == wanted, std::string(kernel->name) + " " + text(settings.paths) + " paths " + text(D));
+      }
+  }
+}
+
+void test_census_matching() {
+  Random random{89};
+  for (int n = 0; n < 40; ++n) {
+    const int widths[] = {7, 40, 64, 120}, rows[] = {1, 9, 24};
+    const int bits = widths[n % 4], planes = (bits + 63) / 64, H = rows[n % 3], W = random.between(1, 40);
+    const bool aggregated = n % 2 && bits <= kMostAggregatedBits;
+    const int unit = aggregated ? 3 : 0, most = ((aggregated ? 9 : 1) * bits + (1 << unit >> 1)) >> unit;
+    const size_t pixels = static_cast<size_t>(H) * W;
+    std::vector<uint64_t> left(planes * pixels), right(left.size());
+    for (size_t k = 0; k < left.size(); ++k) {
+      const int kept = std::min(64, bits - 64 * static_cast<int>(k / pixels));
+      left[k] = (static_cast<uint64_t>(random.next()) << 33 ^ random.next()) >> (64 - kept);
+      right[k] = random.below(3) ? left[k] : left[k] >> 1;
+    }
+    std::vector<int16_t> shift(pixels);
+    for (auto& v : shift) v = static_cast<int16_t>(random.between(-30, 30));
+    const std::vector<int32_t> p2(256, 80);
+    const Pair pair{nullptr, nullptr, H, W, 1, random.between(-9, 9), random.between(1, 90)};
+    const CensusCosts costs{left.data(), right.data(), bits, aggregated, unit, n % 3 ? nullptr : shift.data()};
+    const SgmSettings settings{8, most, 9, p2.data(), nullptr};
+    const FusedSettings select{CostKind::sad, {1, 1}, Subpixel::parabola, n % 5 != 0, 1.0, n % 4 == 0, 1.1};
+    std::vector<float> wanted;
+    for (const FusedKernel* kernel : available_kernels())
+      for (const int threads : {1, 3}) {
+        std::vector<float> disparity(pixels), confidence(pixels);
+        std::vector<uint8_t> flags(pixels);
+        const FusedOutput out{disparity.data(), confidence.data(), flags.data()};
+        sgm_census(pair, costs, settings, select, out, choose_sgm(kernel->name), Workers{threads, [] { return false; }});
+        disparity.insert(disparity.end(), confidence.begin(), confidence.end());
+        disparity.insert(disparity.end(), flags.begin(), flags.end());
+        if (wanted.empty()) wanted = disparity;
+        CHECK(std::memcmp(wanted.data(), disparity.data(), wanted.size() * sizeof(float)) == 0, std::string(kernel->name) + " " + text(n));
+      }
+  }
+}
+
 }  // namespace
 
 int main() {
@@ -1639,6 +1735,8 @@ int main() {
   timed("second pass, 16-bit costs", test_second_pass<uint16_t>);
   timed("second pass, float costs", test_second_pass<float>);
   timed("solvers are interrupted", test_solvers_are_interrupted);
+  timed("path sums", test_path_sums);
+  timed("semi-global matching of a census", test_census_matching);
   timed("texture", test_texture);
   timed("speckle", test_speckle);
   timed("flood", test_flood);

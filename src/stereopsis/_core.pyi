@@ -454,6 +454,19 @@ def sgm_sums(
 def hide_out_of_view(
     sums: npt.NDArray[np.uint16], first: int, beyond: _I32, threads: int, /
 ) -> None: ...
+def mgm_sums(
+    costs: npt.NDArray[np.uint16],
+    first: int,
+    paths: int,
+    most: int,
+    p1: int,
+    p2: _I32,
+    guide: _U8 | None,
+    sums: npt.NDArray[np.uint16],
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
 def sgm_census(
     left: npt.NDArray[np.uint64],
     right: npt.NDArray[np.uint64],

@@ -136,7 +136,7 @@ class SGM:
             fitting *= 2
         if self.unit is None:
             return fitting
-        if self.unit < fitting:
+        if self.largest_sum(most, self.unit) > LARGEST_SUM:
             raise ValueError(
                 f"unit must be at least {fitting:g}, not {self.unit:g}: {self.paths} paths of costs of up to "
                 f"{most:g} and p2 = {self.p2:g} sum to up to {self.largest_sum(most, self.unit)} units, and "

@@ -45,19 +45,22 @@ def planar(disparity, window, tolerance, iterations):
     for _ in range(iterations):
         sums = np.zeros((9, height, width), one)
         for v in samples[1]:
+            row = np.zeros((5, height, width), one)
             for u in samples[0]:
                 moved = np.full_like(disparity, np.nan)
                 ys, xs = (slice(max(0, -k), max(0, n - max(0, k))) for k, n in ((v, height), (u, width)))
                 yt, xt = (slice(max(0, k), max(0, n + min(0, k))) for k, n in ((v, height), (u, width)))
                 moved[ys, xs] = disparity[yt, xt]
                 z = moved - at
-                on = np.abs(z - (a * one(u) + b * one(v))) < one(tolerance)
+                off = z - (a * one(u) + b * one(v))
+                on = off * off < one(tolerance) * one(tolerance)
                 z = np.where(on, z, one(0))
-                count = on.astype(one)
-                for k, term in enumerate((1, u, v, u * u, u * v, v * v)):
-                    sums[k] += count * one(term)
-                for k, term in enumerate((1, u, v)):
-                    sums[6 + k] += z * one(term)
+                for total, term in zip(row, (on, on * one(u), on * one(u * u), z, z * one(u)), strict=True):
+                    total += term
+            count, x, xx, z, zx = row
+            y, yy = one(v), one(v * v)
+            for total, term in zip(sums, (count, x, count * y, xx, x * y, count * yy, z, zx, z * y), strict=True):
+                total += term
         n = np.maximum(sums[0], one(1))
         x, y, xx, xy, yy, z, zx, zy = sums[1:] / n
         xx, yy, xy = xx - x * x + one(0.25), yy - y * y + one(0.25), xy - x * y

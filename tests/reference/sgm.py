@@ -1,5 +1,7 @@
 """Semi-global matching from its formula, pixel by pixel, in int64."""
 
+import itertools
+
 import numpy as np
 
 ALONG = ((1, 0), (-1, 0))
@@ -55,6 +57,32 @@ def sums(costs, paths, p1, p2, guide=None):
     return sum(path_costs(costs, direction, p1, p2, guide) for direction in directions(paths))
 
 
+def more_global(costs, paths, p1, p2, guide=None):
+    """Sums of more-global matching: each pixel takes the mean, rounded down, of what two others tell."""
+    rows, columns, _ = costs.shape
+    guide = np.zeros((rows, columns), np.int64) if guide is None else guide.astype(np.int64)
+    steps = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)][:paths]
+    total = np.zeros(costs.shape, np.int64)
+    for dx, dy in steps:
+        befores = (-dx, -dy), (dy, -dx)
+        out = costs.astype(np.int64)
+        # A pixel comes after both: further along the sum of both steps.
+        along = dx - dy, dy + dx
+        order = sorted(
+            itertools.product(range(rows), range(columns)), key=lambda at: along[1] * at[0] + along[0] * at[1]
+        )
+        for y, x in order:
+            told = [
+                message(out[v, u], p1, p2[abs(guide[y, x] - guide[v, u])])
+                for u, v in ((x + u, y + v) for u, v in befores)
+                if 0 <= v < rows and 0 <= u < columns
+            ]
+            if told:
+                out[y, x] += sum(told) // len(told)
+        total += out
+    return total
+
+
 def second_penalties(p2, p2_min, contrast):
     """P2 by the absolute difference of 8-bit pixels: P2 / (1 + difference / contrast), at least the least."""
-    return [max(p2_min, int(p2 * contrast // (contrast + k))) for k in range(256)]
+    return [int(np.floor(max(p2_min, p2 / (1 + k / contrast)) + 0.5)) for k in range(256)]

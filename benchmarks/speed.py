@@ -29,12 +29,22 @@ import numpy as np
 import numpy.typing as npt
 
 import stereopsis as st
-from stereopsis import _fused
+from stereopsis import _fused, pixelwise
 from stereopsis.bench.speed import Task, in_turns, machine, ratios
 
 DISPARITIES = (0, 128)
 LARGE = (3072, 4096, 512)
 """Rows, columns and disparities of the memory measurement."""
+
+CENSUS = st.Census((9, 7))
+SEMI_GLOBAL = {
+    "SGM 8": (CENSUS, st.SGM()),
+    "SGM 8, census over 3 x 3": (st.Census((9, 7), aggregation=3), st.SGM(p1=63, p2=774, unit=8)),
+}
+"""Census, eight paths, parabola and left-right check."""
+
+SEMI_GLOBAL_LARGE = (1536, 2048, 256)
+"""Rows, columns and disparities of its memory measurement."""
 
 OPERATIONS = {"ZNCC 31": 9, "SSD 21": 8, "SAD 21": 10}
 """Vector operations a candidate in the innermost loop of fused_narrow.hpp, with four-byte multiply-adds."""
@@ -87,6 +97,67 @@ print((after - before) / 1024 - outputs / 2**20)
     )
 
 
+def semi_globally(
+    left: npt.NDArray[np.uint8],
+    right: npt.NDArray[np.uint8],
+    cost: st.Census,
+    optimize: st.SGM,
+    threads: int = 1,
+    left_right: float | None = 1.0,
+) -> Task:
+    return lambda: st.match(
+        left,
+        right,
+        disparities=DISPARITIES,
+        cost=cost,
+        optimize=optimize,
+        left_right=left_right,
+        threads=threads,
+    )
+
+
+def semi_global_stages(
+    left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8], repeats: int
+) -> dict[str, float]:
+    """Seconds of what can be told apart from outside, and of the memory traffic that a volume would take."""
+
+    def best(task: Task) -> float:
+        return min(_seconds(task) for _ in range(repeats))
+
+    whole = best(semi_globally(left, right, CENSUS, st.SGM()))
+    volume = np.ones((*left.shape, DISPARITIES[1]), np.uint16)
+    other = np.empty_like(volume)
+    return {
+        "both census": 2 * best(lambda: pixelwise.census(left, CENSUS.comparisons, 1)),
+        "left-right check": whole - best(semi_globally(left, right, CENSUS, st.SGM(), left_right=None)),
+        "two paths alone": best(semi_globally(left, right, CENSUS, st.SGM(2), left_right=None)),
+        "five paths alone": best(semi_globally(left, right, CENSUS, st.SGM(5), left_right=None)),
+        "whole": whole,
+        "floor: one 16-bit volume of sums written and read": best(lambda: np.copyto(other, volume)),
+    }
+
+
+def semi_global_memory() -> float:
+    """Peak memory beyond inputs and outputs of SGM over 8 paths, of one 16-bit volume of sums."""
+    rows, columns, count = SEMI_GLOBAL_LARGE
+    script = f"""
+import resource, numpy as np, stereopsis as st
+rng = np.random.default_rng(0)
+left = rng.integers(0, 256, ({rows}, {columns}), dtype=np.uint8)
+right = np.roll(left, -7, axis=1)
+chosen = dict(cost=st.Census((9, 7)), optimize=st.SGM(), left_right=1.0, threads=1)
+st.match(left[:20, :40], right[:20, :40], disparities=(0, 8), **chosen)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+result = st.match(left, right, disparities=(0, {count}), **chosen)
+after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+outputs = result.disparity.nbytes + result.confidence.nbytes + result.flags.nbytes
+print(((after - before) * 1024 - outputs) / ({rows} * {columns} * {count} * 2))
+"""
+    return float(
+        subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout
+    )
+
+
 def import_time(repeats: int) -> float:
     """Seconds that a fresh process takes for ``import stereopsis`` over ``import numpy``."""
 
@@ -132,7 +203,10 @@ def main() -> None:
 
     cv2.setNumThreads(1)
     block_matcher = cv2.StereoBM_create(numDisparities=128, blockSize=21)
-    semi_global = cv2.StereoSGBM_create(0, 128, 5, P1=200, P2=800, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
+    semi_global, full = (
+        cv2.StereoSGBM_create(0, 128, 5, P1=200, P2=800, mode=mode)
+        for mode in (cv2.STEREO_SGBM_MODE_SGBM_3WAY, cv2.STEREO_SGBM_MODE_HH)
+    )
 
     def opencv() -> object:
         return block_matcher.compute(left, right)
@@ -152,6 +226,15 @@ def main() -> None:
          ours(st.ZNCC(window=31), left_right=1.0, uniqueness=10.0), zncc),
         ("ZNCC 31, 2 threads ÷ 1 thread", "0.56", ours(st.ZNCC(window=31), threads=2), zncc),
     ]  # fmt: skip
+    paths = {name: semi_globally(left, right, *chosen) for name, chosen in SEMI_GLOBAL.items()}
+    for name, task in paths.items():
+        lines += [
+            (f"{name}, 1 thread ÷ StereoSGBM HH block 5", "0.25", task, lambda: full.compute(left, right)),
+            (f"{name}, 1 thread ÷ StereoSGBM 3WAY block 5", "0.80", task,
+             lambda: semi_global.compute(left, right)),
+            (f"{name}, 2 threads ÷ 1 thread", "0.60",
+             semi_globally(left, right, *SEMI_GLOBAL[name], threads=2), task),
+        ]  # fmt: skip
     sets = _fused.instruction_sets()
     if "avx2" in sets and sets[0] != "avx2":
         lines.append((f"ZNCC 31, avx2 ÷ {sets[0]}", "2.0", with_instructions("avx2", zncc), zncc))
@@ -173,6 +256,14 @@ def main() -> None:
             f"peak memory beyond inputs and outputs, {width} x {height}, {count} disparities, 1 thread, MiB"
         )
         print(f"| {name} | 64 | {peak_memory():.1f} | | |")
+
+        height, width, count = SEMI_GLOBAL_LARGE
+        name = f"the same of SGM 8, {width} x {height}, {count} disparities, ÷ one 16-bit volume of sums"
+        print(f"| {name} | 1.2 | {semi_global_memory():.2f} | | |")
+
+    print(f"\nStages of SGM 8, 1 thread, best of {repeats}:\n\n| stage | ms |\n| --- | ---: |")
+    for name, seconds in semi_global_stages(left, right, repeats).items():
+        print(f"| {name} | {1e3 * seconds:.1f} |")
 
     candidates = rows * columns * DISPARITIES[1]
     arithmetic, bandwidth = operation_rate(), copy_rate(columns * DISPARITIES[1])

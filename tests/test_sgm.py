@@ -26,11 +26,6 @@ def images(seed, shape, shift=2, levels=9):
     return left.astype(np.uint8), right.astype(np.uint8)
 
 
-def visible(width, count, first):
-    match = np.arange(width)[:, None] - first - np.arange(count)
-    return (match >= 0) & (match < width)
-
-
 # ---- the sums ------------------------------------------------------------------------------------
 
 
@@ -42,12 +37,20 @@ def test_a_path_by_hand():
     forth, back = [[3, 0, 5], [2, 4, 3], [6, 7, 1]], [[4, 1, 5], [3, 5, 2], [6, 6, 0]]
     given = SGM(paths=2, p1=1, p2=2)
     found = sgm.sums(costs, -10, given, 1.0, 6)
-    np.testing.assert_array_equal(found[0], [[WORST] * 3] * 3)  # nothing of that is in view
-    found = sgm.sums(np.pad(costs, ((0, 0), (2, 2), (0, 0)), "edge"), 0, given, 1.0, 6)
-    assert found.shape == (1, 7, 3)
-    np.testing.assert_array_equal(
-        reference.sums(costs, 2, 1, [2] * 256)[0], np.add(forth, back, dtype=np.int64)
-    )
+    np.testing.assert_array_equal(found[0], np.add(forth, back))
+    np.testing.assert_array_equal(reference.sums(costs, 2, 1, [2] * 256)[0], np.add(forth, back))
+
+
+def test_winners_out_of_view_by_hand():
+    # Columns 0, 1, 2 of a row, disparities 0, 1, 2: column x sees those up to x.
+    sums = np.array([[[3, 2, 2], [5, 5, 4], [1, 0, 0]]], np.uint16)
+    beyond = sgm.out_of_view(sums, 0)
+    np.testing.assert_array_equal(beyond, [[1, 2, -1]])
+    np.testing.assert_array_equal(sums, [[[3, WORST, WORST], [5, 5, WORST], [1, 0, 0]]])
+    # A sum out of view has to be less than all in view; where none is in view it is the least.
+    sums = np.array([[[4, 4, 4], [9, 1, 2], [7, 6, 6]]], np.uint16)
+    np.testing.assert_array_equal(sgm.out_of_view(sums, 1), [[0, 1, -1]])
+    np.testing.assert_array_equal(sums, [[[WORST] * 3, [9, WORST, WORST], [7, 6, WORST]]])
 
 
 @pytest.mark.parametrize("instructions", SETS)
@@ -64,8 +67,6 @@ def test_the_sums_are_those_of_the_formula(monkeypatch, instructions, data):
     contrast = data.draw(some.sampled_from([None, 0.5, 8, 100]))
     rng = np.random.default_rng(data.draw(some.integers(0, 2**32)))
     costs = rng.integers(0, most + 1, (rows, columns, count)).astype(np.uint16)
-    seen = visible(columns, count, first)
-    costs[:, ~seen] = most
     guide = rng.integers(0, 256, (rows, columns)).astype(np.uint8)
     chosen = SGM(paths, p1, p2, contrast=contrast)
     threads = data.draw(some.sampled_from([1, 2, 7]))
@@ -73,7 +74,6 @@ def test_the_sums_are_those_of_the_formula(monkeypatch, instructions, data):
     second = [p2] * 256 if contrast is None else reference.second_penalties(p2, p1, contrast)
     wanted = reference.sums(costs, paths, p1, second, None if contrast is None else guide)
     assert wanted.max() <= chosen.largest_sum(most, 1.0)
-    wanted[:, ~seen] = WORST
     np.testing.assert_array_equal(found, wanted)
 
 
@@ -82,12 +82,7 @@ def test_the_sums_are_those_of_the_formula(monkeypatch, instructions, data):
 def test_rows_around_the_stretches_that_are_followed_again(rows, paths):
     rng = np.random.default_rng(rows)
     costs = rng.integers(0, 20, (rows, 4, 5)).astype(np.uint16)
-    found = sgm.sums(costs, -40, dataclasses.replace(SGM(paths, 2, 9)), 1.0, 19, threads=2)
-    assert (found == WORST).all()
-    seen = visible(4, 5, -1)
-    costs[:, ~seen] = 19
     wanted = reference.sums(costs, paths, 2, [9] * 256)
-    wanted[:, ~seen] = WORST
     np.testing.assert_array_equal(sgm.sums(costs, -1, SGM(paths, 2, 9), 1.0, 19, threads=2), wanted)
 
 
@@ -102,14 +97,11 @@ def test_rows_around_the_stretches_that_are_followed_again(rows, paths):
 def test_more_global_sums_are_those_of_the_formula(seed, shape, paths, contrast, first):
     rng = np.random.default_rng(seed)
     costs = rng.integers(0, 40, shape).astype(np.uint16)
-    seen = visible(shape[1], shape[2], first)
-    costs[:, ~seen] = 39
     guide = rng.integers(0, 256, shape[:2]).astype(np.uint8)
     chosen = SGM(paths, 3, 25, contrast=contrast, more_global=True)
     second = [25] * 256 if contrast is None else reference.second_penalties(25, 3, contrast)
     wanted = reference.more_global(costs, paths, 3, second, None if contrast is None else guide)
     assert wanted.max() <= chosen.largest_sum(39, 1.0)
-    wanted[:, ~seen] = WORST
     np.testing.assert_array_equal(sgm.sums(costs, first, chosen, 1.0, 39, guide), wanted)
 
 
@@ -315,11 +307,12 @@ def test_a_sheared_volume(monkeypatch, instructions, aggregation):
         disparity = first + np.arange(count) + shift[..., None].astype(np.int64)
         match = np.arange(45)[None, :, None] - disparity
         seen = (match >= 0) & (match < 45)
-        costs[~seen] = census.largest()
+        costs[~seen] = (census.largest() + 1) // 2  # as by chance
         sums = reference.sums(costs, 8, int(chosen.p1), [int(chosen.p2)] * 256).astype(np.float64)
+        beyond = np.where(seen, np.inf, sums).min(axis=2)
         sums[~seen] = np.inf
         index = sums.argmin(axis=2)
-        answered = seen.any(axis=2)
+        answered = sums.min(axis=2) <= beyond
         wanted = np.where(answered, np.take_along_axis(disparity, index[..., None], 2)[..., 0], np.nan)
         found, _, flags = _fused.match_sgm(
             census,
@@ -381,7 +374,8 @@ def test_over_any_cost(dtype):
         )  # fmt: skip
         step = chosen.unit_for(largest, volume.dtype.kind in "iu")
         units = np.floor((np.where(known, volume, 0) - np.float64(perfect)) / step + 0.5)
-        units = np.where(known, np.clip(units, 0, largest // step + 1), np.floor(largest / step + 0.5))
+        top = np.floor(largest / step + 0.5)
+        units = np.where(known, np.clip(units, 0, top), (top + 1) // 2)  # out of view as by chance
         wanted = reference.sums(units.astype(np.int64), 8, chosen.first_penalty(step),
                                 chosen.second_penalties(step).tolist())  # fmt: skip
         np.testing.assert_array_equal(result.stages["costs"][known], wanted[known])

@@ -451,9 +451,7 @@ def sgm_sums(
     instructions: str,
     /,
 ) -> None: ...
-def hide_out_of_view(
-    sums: npt.NDArray[np.uint16], first: int, beyond: _I32, threads: int, /
-) -> None: ...
+def hide_out_of_view(sums: npt.NDArray[np.uint16], first: int, beyond: _I32, threads: int, /) -> None: ...
 def mgm_sums(
     costs: npt.NDArray[np.uint16],
     first: int,

@@ -391,9 +391,7 @@ def _semi_global(
             ground = slant.road(trusted, census.size)
     if ground is not None:
         with _timed(timings, "match along the ground"):
-            views = slant.warped(
-                pixels.left, pixels.right, ground, 0, chosen.threads, floor=seen.min
-            )
+            views = slant.warped(pixels.left, pixels.right, ground, 0, chosen.threads, floor=seen.min)
             candidates = Disparities(-slant.MARGIN, max(slant.MARGIN, seen.span - slant.MARGIN))
             along(ground, cost.Pixels(*views, pixels.step), candidates, 1)
     if "planes" in chosen.keep:

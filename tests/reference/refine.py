@@ -59,7 +59,9 @@ def planar(disparity, window, tolerance, iterations):
                     total += term
             count, x, xx, z, zx = row
             y, yy = one(v), one(v * v)
-            for total, term in zip(sums, (count, x, count * y, xx, x * y, count * yy, z, zx, z * y), strict=True):
+            for total, term in zip(
+                sums, (count, x, count * y, xx, x * y, count * yy, z, zx, z * y), strict=True
+            ):
                 total += term
         n = np.maximum(sums[0], one(1))
         x, y, xx, xy, yy, z, zx, zy = sums[1:] / n

@@ -28,6 +28,8 @@ NEIGHBOURS = 30
 """How far the second and third point of a sample may lie from the first, in columns and in rows."""
 GRID = 65536
 """To about so many pixels is a map thinned before planes are fitted."""
+FACADES = 2
+"""How many planes that are not slanted may hold more pixels than the ground does."""
 MOST_PLANES = 3
 """How many planes are looked for, the road included."""
 
@@ -82,8 +84,8 @@ def road(disparity: DisparityMap, window: tuple[int, int]) -> Plane | None:
        doi:10.1145/358669.358692.
     """
     step = _step(disparity)
-    ground = _road(disparity[::step, ::step], step)
-    return None if ground is None or _level(ground, window, step) else _scaled(ground, step)
+    ground = _ground(disparity[::step, ::step].copy(), window, step)
+    return None if ground is None else _scaled(ground, step)
 
 
 def planes(disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PLANES) -> list[Plane]:
@@ -110,7 +112,7 @@ def planes(disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PL
     found: list[Plane] = []
     for trial in range(2 * most):
         if trial == 0:
-            plane = _road(rest, step)
+            plane = _ground(rest.copy(), window, step)
             if plane is None:
                 continue
         else:
@@ -135,6 +137,16 @@ def _scaled(plane: Plane, step: int) -> Plane:
 
 def _level(plane: Plane, window: tuple[int, int], step: int) -> bool:
     return abs(plane.a) * window[0] + abs(plane.b) * window[1] < 0.5 * step
+
+
+def _ground(rest: DisparityMap, window: tuple[int, int], step: int) -> Plane | None:
+    """The ground, if need be behind what faces the camera across the street: that is taken out of `rest`."""
+    for _ in range(FACADES + 1):
+        plane = _road(rest, step)
+        if plane is None or not _level(plane, window, step):
+            return plane
+        rest[_on(plane, rest)] = np.nan
+    return None
 
 
 def _road(thinned: DisparityMap, step: int) -> Plane | None:

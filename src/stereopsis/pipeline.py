@@ -20,6 +20,7 @@ from stereopsis import (
     fill,
     noise,
     optimize,
+    planes,
     refine,
     select,
     settings,
@@ -69,6 +70,7 @@ def match(
     sky: bool = UNSET,
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
+    planes: str | None = UNSET,
     fill: str | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
@@ -94,7 +96,7 @@ def match(
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
     cost, channels, slant, extra_windows, optimize, subpixel, refine_window, upsample, left_right
         As in `Settings`.
-    uniqueness, texture, reflection, sky, median, speckle, fill, step, disparity_step, threads, keep
+    uniqueness, texture, reflection, sky, median, speckle, planes, fill, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -144,6 +146,7 @@ def match(
             ("sky", sky),
             ("median", median),
             ("speckle", speckle),
+            ("planes", planes),
             ("fill", fill),
             ("step", step),
             ("disparity_step", disparity_step),
@@ -230,10 +233,20 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
             # Unchecked winners are of no use as witnesses against the sky.
             matched = None if chosen.left_right is None else disparity
             _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
+    holes = np.isnan(disparity)
+    if chosen.planes is not None:
+        with _timed(timings, "segments"):
+            bounds = chosen.disparities.min, chosen.disparities.max - 1
+            segments = planes.refine(pair.left, disparity, bounds, threads=chosen.threads)
+            disparity = segments.disparity
+            if chosen.fill != "planes":
+                disparity[holes] = np.nan
+            if "segments" in chosen.keep:
+                stages["segments"], stages["segment_planes"] = segments.label, segments.planes
     if chosen.fill is not None:
         with _timed(timings, "fill"):
-            holes = np.isnan(disparity)
-            disparity = fill.background(disparity)
+            if chosen.fill == "background":
+                disparity = fill.background(disparity)
             flags[holes & np.isfinite(disparity)] |= np.uint8(Flag.FILLED)
 
     path = "merged" if merged else "composed" if composed else "streaming"

@@ -119,11 +119,12 @@ Subpixel: TypeAlias = Literal[
 ]
 SUBPIXEL = ("parabola", "equiangular", "symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine")
 INTERPOLATIONS = ("nearest", "linear", "cubic", "lanczos", "area")
-FILLS = ("background",)
+FILLS = ("background", "planes")
+PLANES = ("segments",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
 SLANTS = ("road", "planes")
-KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes")
+KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes", "segments")
 
 
 @dataclass(frozen=True)
@@ -178,8 +179,12 @@ class Settings:
     speckle : tuple of (int, float) or None
         Regions of fewer pixels than the first, in which neighbours differ by at most the second (pixels of
         disparity), are removed.
-    fill : {"background"} or None
-        How invalid pixels are answered: from the farther neighbour on the row. None: they stay NaN.
+    planes : {"segments"} or None
+        Every disparity is replaced by that of its segment's plane: small segments of the left image, whose
+        planes go on, fold or hide each other. None: disparities stay as they were matched.
+    fill : {"background", "planes"} or None
+        How invalid pixels are answered: from the farther neighbour on the row, or from the plane of their
+        segment, which needs `planes`. None: they stay NaN.
     step : int
         Match only every so many-th pixel of rows and columns, from the first on; the others take the answer
         of the nearest that was matched.
@@ -190,7 +195,8 @@ class Settings:
     keep : tuple of str
         Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
         "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
-        of each pixel's, 0 being fronto-parallel. With `slant` or `extra_windows` there are no costs to keep,
+        of each pixel's, 0 being fronto-parallel; "segments", (H, W) int32, the number of each pixel's segment,
+        with "segment_planes", (N, 3) float64. With `slant` or `extra_windows` there are no costs to keep,
         as they belong to one plane and window.
     preset : str or None
         The preset that these settings started from.
@@ -212,7 +218,8 @@ class Settings:
     sky: bool = False
     median: int | None = None
     speckle: tuple[int, float] | None = None
-    fill: Literal["background"] | None = None
+    planes: Literal["segments"] | None = None
+    fill: Literal["background", "planes"] | None = None
     step: int = 1
     disparity_step: int = 1
     threads: int = 0
@@ -223,6 +230,7 @@ class Settings:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
         _check_subpixel(self)
+        _check_planes(self)
         _check_paths(self)
 
     @classmethod
@@ -469,6 +477,9 @@ def _checked(name: str, value: Any) -> Any:
             if not (_is_int(area) and 0 <= area < 2**31 and _is_number(difference) and difference >= 0):
                 raise refuse("(area in pixels, largest difference in pixels of disparity), or None")
             return int(area), float(difference)
+        case "planes":
+            if value is not None and value not in PLANES:
+                raise refuse(f"one of {', '.join(PLANES)}, or None")
         case "fill":
             if value is not None and value not in FILLS:
                 raise refuse(f"one of {', '.join(FILLS)}, or None")
@@ -514,6 +525,14 @@ def _check_subpixel(settings: Settings) -> None:
     kept = {"costs", "right_disparity"} & set(settings.keep)
     if kept:
         raise ValueError(f"keep must not hold {', '.join(sorted(kept))} with upsample")
+
+
+def _check_planes(settings: Settings) -> None:
+    """Raise ValueError where what comes from planes is asked for without them."""
+    if settings.planes is None and settings.fill == "planes":
+        raise ValueError('fill must not be "planes" where planes is None: set planes to "segments"')
+    if settings.planes is None and "segments" in settings.keep:
+        raise ValueError('keep must not hold "segments" where planes is None: set planes to "segments"')
 
 
 def _check_paths(settings: Settings) -> None:
@@ -572,7 +591,7 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "window" | "refine_window":
+        case "cost" | "channels" | "slant" | "subpixel" | "planes" | "fill" | "preset" | "window" | "refine_window":
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()

@@ -209,12 +209,13 @@ struct Neighbour {
   int boundary;
 };
 
-// The segments, and where they meet.
+// Which segments meet; for each boundary its places, and all pixels of both segments.
 struct Graph {
-  std::vector<Spread> segments, boundaries;
+  std::vector<Spread> boundaries, both;
   std::vector<std::vector<Neighbour>> neighbours;
 
-  Graph(const int32_t* label, int height, int width, int count) : segments(count), neighbours(count) {
+  Graph(const int32_t* label, int height, int width, int count) : neighbours(count) {
+    std::vector<Spread> segments(count);
     for (int y = 0; y < height; ++y) {
       const int32_t* row = label + static_cast<size_t>(y) * width;
       for (int x = 0; x < width; ++x) {
@@ -223,6 +224,9 @@ struct Graph {
         if (y + 1 < height && row[x + width] != row[x]) boundaries[between(row[x], row[x + width])].add(x, y + 0.5, 1);
       }
     }
+    both.resize(boundaries.size());
+    for (int i = 0; i < count; ++i)
+      for (const Neighbour& other : neighbours[i]) both[other.boundary].add(segments[i], 1);
   }
 
   int between(int i, int j) {
@@ -349,12 +353,10 @@ void smooth_planes(const Observed& seen, const SegmentModel& model, const int32_
   const Members members(seen, label, count);
   const Graph graph(label, seen.height, seen.width, count);
   // How two planes meet: as one, in a fold, or with a step between them, whichever costs least.
-  const auto meet = [&](int i, const Plane& p, const Neighbour& other, const Plane& q, Meeting* how) {
+  const auto meet = [&](const Plane& p, const Neighbour& other, const Plane& q, Meeting* how) {
     const Plane apart{p.a - q.a, p.b - q.b, p.c - q.c};
     const Spread& boundary = graph.boundaries[other.boundary];
-    Spread both = graph.segments[i];
-    both.add(graph.segments[other.number], 1);
-    const double coplanar = both.mean_square(apart), fold = model.hinge + boundary.mean_square(apart);
+    const double coplanar = graph.both[other.boundary].mean_square(apart), fold = model.hinge + boundary.mean_square(apart);
     double least = coplanar;
     *how = Meeting::coplanar;
     if (fold < least) {
@@ -387,9 +389,9 @@ void smooth_planes(const Observed& seen, const SegmentModel& model, const int32_
           Meeting how;
           for (const Neighbour& other : neighbours) {
             const Plane theirs = plane_at(before.data(), other.number);
-            if (exists(theirs)) sum += meet(i, plane, other, theirs, &how);
+            if (exists(theirs)) sum += meet(plane, other, theirs, &how);
+            if (!(sum < least)) return;
           }
-          if (!(sum < least)) return;
           sum += misfit(points, model.truncation, plane);
           if (sum < least) {
             least = sum;
@@ -399,7 +401,8 @@ void smooth_planes(const Observed& seen, const SegmentModel& model, const int32_
         if (exists(best)) consider(best);
         for (const Neighbour& other : neighbours) {
           const Plane theirs = plane_at(before.data(), other.number);
-          if (exists(theirs)) consider(theirs);
+          const bool same = theirs.a == best.a && theirs.b == best.b && theirs.c == best.c;
+          if (exists(theirs) && !same) consider(theirs);
         }
         if (!exists(best)) continue;
         LeastSquares squares;
@@ -408,11 +411,10 @@ void smooth_planes(const Observed& seen, const SegmentModel& model, const int32_
           const Plane theirs = plane_at(before.data(), other.number);
           if (!exists(theirs)) continue;
           Meeting how;
-          meet(i, best, other, theirs, &how);
+          meet(best, other, theirs, &how);
           const Spread& boundary = graph.boundaries[other.boundary];
           if (how == Meeting::coplanar) {
-            Spread both = graph.segments[i];
-            both.add(graph.segments[other.number], 1);
+            const Spread& both = graph.both[other.boundary];
             squares.add(both, theirs, model.smoothness * boundary.n / both.n);
           } else if (how == Meeting::hinge) {
             squares.add(boundary, theirs, model.smoothness);

@@ -175,6 +175,7 @@ class TestMatch:
         "sky": ("on", True),
         "median": ("5", 5),
         "speckle": ("50,2", [50, 2.0]),
+        "planes": ("segments", "segments"),
         "fill": ("background", "background"),
         "threads": ("2", 2),
         "keep": ("texture", ["texture"]),

@@ -44,7 +44,8 @@ any_settings = some.builds(
     speckle=some.none()
     | some.integers(0, 10**6)
     | some.tuples(some.integers(0, 2**31 - 1), some.floats(0, 1e6)),
-    fill=some.sampled_from([None, "background"]),
+    planes=some.just("segments"),
+    fill=some.sampled_from([None, "background", "planes"]),
     step=some.integers(1, 255),
     disparity_step=some.integers(1, 255),
     threads=some.integers(0, 4096),
@@ -305,6 +306,7 @@ def test_a_changed_preset_still_says_where_it_came_from():
         ("disparities=-16:48", {"disparities": (-16, 48)}),
         ("disparities=none", {"disparities": None}),
         ("fill=background", {"fill": "background"}),
+        ("planes=segments", {"planes": "segments"}),
         ("threads=2", {"threads": 2}),
         ("step=3", {"step": 3}),
         ("disparity_step=2", {"disparity_step": 2}),

@@ -25,8 +25,8 @@ FAINT = 0.05
 """Least weight of a match, however little texture there is."""
 GUESSED = 0.2
 """What a disparity that was filled from the background weighs beside one that was matched."""
-SWEEPS = (3, 3, 3)
-"""So many sweeps over the boundaries after the first fit, the second, and the third."""
+SWEEPS = (4, 2)
+"""So many sweeps over the boundaries after the first fit, and after the second."""
 TRIALS = 8
 """Random samples a segment and fit."""
 ROUNDS = 6
@@ -126,9 +126,9 @@ def refine(
 ) -> Segmentation:
     r"""Segment an image and fit a plane to the disparities of each segment [1]_.
 
-    Squares of the image start as segments. Then three times each segment's plane is fitted to its pixels and
-    pixels at the boundaries go over to the neighbour that explains colour, place and disparity better. At last
-    each segment weighs its own plane against its neighbours', and against the best compromise with them.
+    Squares of the image start as segments. Then twice each segment's plane is fitted to its pixels, and
+    pixels at the boundaries go over to the neighbour that explains colour, place and disparity better. At
+    last each segment weighs its own plane against its neighbours', and the best compromise with them.
 
     Parameters
     ----------
@@ -148,14 +148,14 @@ def refine(
 
     Notes
     -----
-    The energy is that of Yamaguchi et al. [1]_ but for three changes. A disparity counts by the texture at its
-    place, as its variance is inversely proportional to the squared gradient [2]_. Holes are first filled from
-    the background, and count by `GUESSED`. And a step in depth does not ask which segment's boundary it is.
+    The energy is that of Yamaguchi et al. [1]_ but for three changes. A disparity counts by the texture at
+    its place, as its variance is inversely proportional to the squared gradient [2]_. Holes are first filled
+    from the background, and count by `GUESSED`. And which segment an edge in depth belongs to is not asked.
 
     References
     ----------
-    .. [1] K. Yamaguchi, D. McAllester, R. Urtasun, Efficient joint segmentation, occlusion labeling, stereo and
-       flow estimation, ECCV 2014, doi:10.1007/978-3-319-10602-1_49.
+    .. [1] K. Yamaguchi, D. McAllester, R. Urtasun, Efficient joint segmentation, occlusion labeling, stereo
+       and flow estimation, ECCV 2014, doi:10.1007/978-3-319-10602-1_49.
     .. [2] M. Okutomi, T. Kanade, A multiple-baseline stereo, IEEE TPAMI 15(4), 1993, doi:10.1109/34.206955.
     """
     chosen = Model() if model is None else model
@@ -199,8 +199,8 @@ def boundaries(
         Of all pairs with a plane each, ordered by `first`, then `second`.
     """
     chosen, count = Model() if model is None else model, len(planes)
-    y, x = (axis.ravel() for axis in np.indices(label.shape))
-    inside = _moments(label.ravel(), x, y, count)
+    rows, columns = (axis.ravel() for axis in np.indices(label.shape))
+    inside = _moments(label.ravel(), columns, rows, count)
     pairs, places = [], []
     for near, far, right, down in (
         (label[:, :-1], label[:, 1:], 0.5, 0.0),
@@ -211,7 +211,8 @@ def boundaries(
         pairs.append(np.minimum(one, other) * count + np.maximum(one, other))
         places.append((u + right, v + down))
     met, which, length = np.unique(np.concatenate(pairs), return_inverse=True, return_counts=True)
-    along = _moments(which, *(np.concatenate(axis) for axis in zip(*places, strict=True)), len(met))
+    x, y = (np.concatenate(axis) for axis in zip(*places, strict=True))
+    along = _moments(which, x, y, len(met))
     first, second = met // count, met % count
     apart = planes[first] - planes[second]
     costs = np.stack(

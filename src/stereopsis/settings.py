@@ -195,9 +195,9 @@ class Settings:
     keep : tuple of str
         Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
         "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
-        of each pixel's, 0 being fronto-parallel; "segments", (H, W) int32, the number of each pixel's segment,
-        with "segment_planes", (N, 3) float64. With `slant` or `extra_windows` there are no costs to keep,
-        as they belong to one plane and window.
+        of each pixel's, 0 being fronto-parallel; "segments", (H, W) int32, each pixel's segment, with
+        "segment_planes", (N, 3) float64. With `slant` or `extra_windows` there are no costs to keep, as they
+        belong to one plane and window.
     preset : str or None
         The preset that these settings started from.
     """
@@ -591,7 +591,9 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "slant" | "subpixel" | "planes" | "fill" | "preset" | "window" | "refine_window":
+        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "window" | "refine_window":
+            return text
+        case "planes":
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()

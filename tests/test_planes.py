@@ -192,14 +192,14 @@ def test_rendering_is_its_definition(scene, least, span):
 
 
 def test_meetings_by_hand():
-    # Four columns wide each: level at 5, rising by 0.5 a column from its left edge on, level at 20.
+    # Four columns wide each: level at 5, rising by 1 a column, level at 20.
     label = grid((4, 12), 1, 3)
-    found = planes.boundaries(label, np.array([[0, 0, 5], [0.5, 0, 3.25], [0, 0, 20]]))
+    found = planes.boundaries(label, np.array([[0, 0, 5], [1.0, 0, 1.5], [0, 0, 20]]))
     np.testing.assert_array_equal(np.stack((found.first, found.second), 1), [(0, 1), (1, 2)])
     np.testing.assert_array_equal(found.length, [4, 4])
-    # Halfway between columns 3 and 4 the first two are level; over both, their squares have a mean of 1.3.
+    # Halfway between columns 3 and 4 the first two are level; over both, the mean of the squares is 5.25.
     assert list(found.meeting) == [Meeting.HINGE, Meeting.OCCLUSION]
-    np.testing.assert_allclose(found.step, [0, 7.5 * 0.5 + 3.25 - 20])
+    np.testing.assert_allclose(found.step, [0, 7.5 + 1.5 - 20])
     same = planes.boundaries(label, np.array([[0.1, 0, 5.0]] * 2 + [[N, N, N]]))
     assert list(same.meeting) == [Meeting.COPLANAR]
     assert all(len(part) == 0 for part in planes.boundaries(np.zeros((3, 4), np.int32), np.zeros((1, 3))))
@@ -257,6 +257,19 @@ def test_holes_and_noise_on_two_surfaces():
     for threads in (2, 7, 0):
         again = planes.refine(image, disparity, (0, 63), threads=threads)
         assert all(a.tobytes() == b.tobytes() for a, b in zip(again, found, strict=True))
+
+
+def test_nothing_is_guessed_to_lie_below_the_ground():
+    # A road of which only the left edge is matched, and that far too far away.
+    plane = (0.0, 0.5, 2.0)
+    truth = on(plane, (40, 80)).astype(np.float32)
+    disparity = np.full_like(truth, N)
+    disparity[:, :2] = 1
+    image = np.zeros(truth.shape, np.uint8)
+    far = planes.refine(image, disparity, (0, 63)).disparity
+    assert (far < 2).all()
+    near = planes.refine(image, disparity, (0, 63), ground=plane).disparity
+    assert np.abs(near - truth)[5:, 30:].max() <= planes.SUNK + 0.5
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])

@@ -237,7 +237,8 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
     if chosen.planes is not None:
         with _timed(timings, "segments"):
             bounds = chosen.disparities.min, chosen.disparities.max - 1
-            segments = planes.refine(pair.left, disparity, bounds, threads=chosen.threads)
+            ground = slant.road(disparity, slant.FIRST_WINDOW)
+            segments = planes.refine(pair.left, disparity, bounds, threads=chosen.threads, ground=ground)
             disparity = segments.disparity
             if chosen.fill != "planes":
                 disparity[holes] = np.nan

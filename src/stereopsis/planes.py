@@ -25,6 +25,8 @@ FAINT = 0.05
 """Least weight of a match, however little texture there is."""
 GUESSED = 0.2
 """What a disparity that was filled from the background weighs beside one that was matched."""
+SUNK = 2.0
+"""How far below the ground a hole may be guessed to lie, in pixels of disparity."""
 SWEEPS = (4, 2)
 """So many sweeps over the boundaries after the first fit, and after the second."""
 TRIALS = 8
@@ -58,10 +60,10 @@ class Model(NamedTuple):
     most_a: float = 0.6
     most_b: float = 1.5
     position: float = 400.0
-    depth: float = 1000.0
+    depth: float = 2000.0
     boundary: float = 300.0
     smoothness: float = 2.0
-    hinge: float = 0.5
+    hinge: float = 2.0
     occlusion: float = 6.0
 
 
@@ -123,6 +125,8 @@ def refine(
     bounds: tuple[float, float],
     model: Model | None = None,
     threads: int = 0,
+    *,
+    ground: tuple[float, float, float] | None = None,
 ) -> Segmentation:
     r"""Segment an image and fit a plane to the disparities of each segment [1]_.
 
@@ -141,6 +145,8 @@ def refine(
     model : Model, optional
     threads : int
         0: all cores. Never changes the result.
+    ground : (float, float, float), optional
+        ``a, b, c`` of the ground's plane, where one is seen: no hole is guessed to lie `SUNK` below it.
 
     Returns
     -------
@@ -150,7 +156,8 @@ def refine(
     -----
     The energy is that of Yamaguchi et al. [1]_ but for three changes. A disparity counts by the texture at
     its place, as its variance is inversely proportional to the squared gradient [2]_. Holes are first filled
-    from the background, and count by `GUESSED`. And which segment an edge in depth belongs to is not asked.
+    from the background, or with the ground where that is nearer, and count by `GUESSED`. And which segment an
+    edge in depth belongs to is not asked.
 
     References
     ----------
@@ -161,7 +168,7 @@ def refine(
     chosen = Model() if model is None else model
     levels = _levels(image)
     height, width = disparity.shape
-    seen = (levels, *_weighted(levels, disparity, threads))
+    seen = (levels, *_weighted(levels, disparity, ground, bounds[0], threads))
     rows, columns = (max(1, round(side / chosen.side)) for side in (height, width))
     label = _squares(height, rows)[:, None] * np.int32(columns) + _squares(width, columns)
     planes = np.full((rows * columns, 3), np.nan)
@@ -248,14 +255,24 @@ def _squares(side: int, count: int) -> npt.NDArray[np.int32]:
 
 
 def _weighted(
-    levels: npt.NDArray[np.float32], disparity: DisparityMap, threads: int
+    levels: npt.NDArray[np.float32],
+    disparity: DisparityMap,
+    ground: tuple[float, float, float] | None,
+    least: float,
+    threads: int,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Disparities without holes, and how far each is believed."""
     texture = np.empty(disparity.shape, np.float32)
     _core.texture(np.rint(levels).astype(np.int32), *TEXTURE_WINDOW, texture, threads)
     weight = np.clip(np.square(texture / np.float32(TEXTURE)), np.float32(FAINT), np.float32(1))
-    weight[np.isnan(disparity)] *= np.float32(GUESSED)
+    holes = np.isnan(disparity)
+    weight[holes] *= np.float32(GUESSED)
     filled = fill.background(disparity)
+    if ground is not None:
+        a, b, c = ground
+        x, y = np.arange(disparity.shape[1]), np.arange(disparity.shape[0])[:, None]
+        deepest = np.maximum(a * x + (b * y + (c - SUNK)), least).astype(np.float32)
+        np.copyto(filled, np.fmax(filled, deepest), where=holes)
     unknown = np.isnan(filled)
     weight[unknown] = 0
     filled[unknown] = 0

@@ -249,6 +249,9 @@ def test_holes_and_noise_on_two_surfaces():
     assert np.isfinite(error).all()
     assert (error > 1).mean() < 0.02
     assert np.median(error) < 0.1 < 0.25 < np.nanmedian(np.abs(disparity - truth))
+    agreed = np.abs(found.disparity - disparity) <= planes.AGREES
+    every = [agreed[found.label == i].mean() for i in range(len(found.planes))]
+    np.testing.assert_allclose(found.support, every, rtol=1e-6)
     # No segment lies on both.
     share = np.bincount(found.label.ravel(), wall.ravel()) / np.bincount(found.label.ravel())
     assert np.mean((share > 0.1) & (share < 0.9)) < 0.03

@@ -244,6 +244,7 @@ def _match(pair: Pair, chosen: Settings, start: float, timings: dict[str, float]
                 disparity[holes] = np.nan
             if "segments" in chosen.keep:
                 stages["segments"], stages["segment_planes"] = segments.label, segments.planes
+                stages["segment_support"] = segments.support
     if chosen.fill is not None:
         with _timed(timings, "fill"):
             if chosen.fill == "background":

@@ -29,6 +29,8 @@ SUNK = 2.0
 """How far below the ground a hole may be guessed to lie, in pixels of disparity."""
 SWEEPS = (4, 2)
 """So many sweeps over the boundaries after the first fit, and after the second."""
+AGREES = 2.0
+"""How far from its segment's plane a match supports it, in pixels of disparity."""
 TRIALS = 8
 """Random samples a segment and fit."""
 ROUNDS = 6
@@ -89,11 +91,15 @@ class Segmentation(NamedTuple):
         ``a, b, c`` of ``d = a x + b y + c``; NaN where nothing is known of a segment or around it.
     disparity : ndarray of float32, (H, W)
         Each pixel's disparity on its segment's plane, in pixels; NaN where it has none.
+    support : ndarray of float32, (N,)
+        The fraction of a segment's pixels that were matched within `AGREES` of its plane: how far to believe
+        it.
     """
 
     label: npt.NDArray[np.int32]
     planes: npt.NDArray[np.float64]
     disparity: DisparityMap
+    support: npt.NDArray[np.float32]
 
 
 class Boundaries(NamedTuple):
@@ -169,7 +175,7 @@ def refine(
     levels = _levels(image)
     height, width = disparity.shape
     seen = (levels, *_weighted(levels, disparity, ground, bounds[0], threads))
-    rows, columns = (max(1, round(side / chosen.side)) for side in (height, width))
+    rows, columns = (min(side, max(1, round(side / chosen.side))) for side in (height, width))
     label = _squares(height, rows)[:, None] * np.int32(columns) + _squares(width, columns)
     planes = np.full((rows * columns, 3), np.nan)
     for sweeps in SWEEPS:
@@ -179,7 +185,9 @@ def refine(
     _core.smooth_planes(seen, tuple(chosen), label, columns, ROUNDS, planes, threads)
     rendered = np.empty((height, width), np.float32)
     _core.render_planes(label, planes, *bounds, rendered, threads)
-    return Segmentation(label, planes, rendered)
+    agreed = np.abs(rendered - disparity) <= AGREES
+    support = np.bincount(label[agreed], minlength=len(planes)) / np.bincount(label.ravel())
+    return Segmentation(label, planes, rendered, support.astype(np.float32))
 
 
 def boundaries(

@@ -196,8 +196,9 @@ class Settings:
         Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
         "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
         of each pixel's, 0 being fronto-parallel; "segments", (H, W) int32, each pixel's segment, with
-        "segment_planes", (N, 3) float64. With `slant` or `extra_windows` there are no costs to keep, as they
-        belong to one plane and window.
+        "segment_planes", (N, 3) float64, and "segment_support", (N,) float32, as
+        `planes.Segmentation` says. With `slant` or `extra_windows` there are no costs to keep, as they belong
+        to one plane and window.
     preset : str or None
         The preset that these settings started from.
     """

@@ -65,17 +65,22 @@ class Members {
   std::vector<float> x_, y_, d_, weight_;
 };
 
-// Sum of weighted truncated squares, in four partial sums that do not wait for each other.
+// Sum of weighted truncated squares, in four partial sums: steps of four points each, which compilers turn into vectors.
 double misfit(const Points& points, double truncation, const Plane& plane) {
-  double sums[4] = {0, 0, 0, 0};
+  constexpr int kLanes = 4;
+  const Plane on = plane;
+  double sums[kLanes] = {0, 0, 0, 0};
   int k = 0;
-  for (; k + 3 < points.count; k += 4)
-    for (int j = 0; j < 4; ++j) {
-      const double rest = points.rest(k + j, plane), square = rest * rest;
-      sums[j] += points.weight[k + j] * (square < truncation ? square : truncation);
-    }
+  for (; k + kLanes <= points.count; k += kLanes) {
+    const float *x = points.x + k, *y = points.y + k, *d = points.d + k, *weight = points.weight + k;
+    double square[kLanes];
+    for (int j = 0; j < kLanes; ++j) square[j] = on.at(x[j], y[j]) - d[j];
+    for (int j = 0; j < kLanes; ++j) square[j] *= square[j];
+    for (int j = 0; j < kLanes; ++j) square[j] = square[j] < truncation ? square[j] : truncation;
+    for (int j = 0; j < kLanes; ++j) sums[j] += weight[j] * square[j];
+  }
   for (; k < points.count; ++k) {
-    const double rest = points.rest(k, plane);
+    const double rest = points.rest(k, on);
     sums[0] += points.weight[k] * std::min(rest * rest, truncation);
   }
   return (sums[0] + sums[1]) + (sums[2] + sums[3]);

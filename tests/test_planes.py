@@ -306,6 +306,27 @@ def test_degenerate_maps(shape):
     np.testing.assert_allclose(beyond.disparity, 5)
 
 
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"image": [[1]]}, TypeError, "image must be an array of uint8, uint16, float32, not list"),
+        ({"image": np.zeros((4, 6))}, TypeError, "not float64"),
+        ({"image": np.zeros((6, 4), np.uint8)}, ValueError, r"\(H, W\) = \(4, 6\), not of shape \(6, 4\)"),
+        ({"image": np.zeros((4, 6, 2), np.uint8)}, ValueError, "image must be"),
+        ({"disparity": np.zeros((4, 6))}, TypeError, "disparity must be an array of float32, not float64"),
+        ({"disparity": np.zeros((0, 6), np.float32)}, ValueError, "disparity must be"),
+        ({"model": Model(side=0.5)}, ValueError, "side must be a finite number of at least 1, not 0.5"),
+        ({"model": Model(hinge=-1.0)}, ValueError, "hinge must be a finite number of at least 0"),
+        ({"model": Model(depth=N)}, ValueError, "depth must be"),
+        ({"model": Model(occlusion=np.inf)}, ValueError, "occlusion must be"),
+    ],
+)
+def test_arguments_that_are_refused(changes, error, message):
+    given = {"image": np.zeros((4, 6), np.uint8), "disparity": np.zeros((4, 6), np.float32)} | changes
+    with pytest.raises(error, match=message):
+        planes.refine(bounds=(0, 9), **given)
+
+
 def test_in_a_match():
     scene = st.scenes.street(240, 120, 3, samples=1)
     given = {"disparities": (0, 40), "cost": "zncc", "left_right": 1, "speckle": 60, "median": 3}

@@ -158,6 +158,13 @@ def refine(
     -------
     Segmentation
 
+    Raises
+    ------
+    TypeError
+        If `disparity` is not an array of float32, or `image` is of another dtype than it may be.
+    ValueError
+        If the shapes do not fit together, or a number of `model` is not finite, negative, or `side` below 1.
+
     Notes
     -----
     The energy is that of Yamaguchi et al. [1]_ but for three changes. A disparity counts by the texture at
@@ -172,6 +179,7 @@ def refine(
     .. [2] M. Okutomi, T. Kanade, A multiple-baseline stereo, IEEE TPAMI 15(4), 1993, doi:10.1109/34.206955.
     """
     chosen = Model() if model is None else model
+    _check(image, disparity, chosen)
     levels = _levels(image)
     height, width = disparity.shape
     seen = (levels, *_weighted(levels, disparity, ground, bounds[0], threads))
@@ -246,6 +254,27 @@ def boundaries(
         np.argmin(costs[:, known], axis=0).astype(np.uint8),
         step[known].astype(np.float32),
     )
+
+
+def _check(image: Image, disparity: DisparityMap, model: Model) -> None:
+    for name, array, dtypes in (
+        ("image", image, (np.uint8, np.uint16, np.float32)),
+        ("disparity", disparity, (np.float32,)),
+    ):
+        kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+        if kind not in dtypes:
+            allowed = ", ".join(np.dtype(dtype).name for dtype in dtypes)
+            raise TypeError(f"{name} must be an array of {allowed}, not {kind}")
+    if disparity.ndim != 2 or not disparity.size:
+        raise ValueError(f"disparity must be (H, W), not of shape {disparity.shape}")
+    if image.shape not in (disparity.shape, (*disparity.shape, 3)):
+        raise ValueError(
+            f"image must be (H, W) or (H, W, 3) with (H, W) = {disparity.shape}, not of shape {image.shape}"
+        )
+    for name, value in model._asdict().items():
+        least = 1 if name == "side" else 0
+        if not least <= value < np.inf:
+            raise ValueError(f"{name} must be a finite number of at least {least}, not {value!r}")
 
 
 def _levels(image: Image) -> npt.NDArray[np.float32]:

@@ -17,6 +17,7 @@
 #include "dispatch.hpp"
 #include "parallel.hpp"
 #include "planar.hpp"
+#include "planes.hpp"
 #include "sgm.hpp"
 #include "stages.hpp"
 
@@ -508,6 +509,75 @@ void bind_move_rows(nb::module_& m) {
   });
 }
 
+// ---- planes: image, disparity, weight; the model's numbers in the order of SegmentModel ---------------------------------
+using ObservedArrays = std::tuple<Array<const float, 3>, Array<const float, 2>, Array<const float, 2>>;
+using ModelNumbers = std::tuple<double, double, double, double, double, double, double, double, double, double>;
+using Labels = Array<int32_t, 2>;
+using Planes = Array<double, 2>;
+
+Observed observed_of(const ObservedArrays& seen, const Labels& label) {
+  const auto& [image, disparity, weight] = seen;
+  const int H = label.shape(0), W = label.shape(1), C = static_cast<int>(image.shape(2));
+  require_shape(image, H, W, C);
+  require(C == 1 || C == 3, "one channel or three");
+  require_shape(disparity, H, W);
+  require_shape(weight, H, W);
+  return {image.data(), disparity.data(), weight.data(), H, W, C};
+}
+
+SegmentModel model_of(const ModelNumbers& numbers) {
+  return std::apply([](auto... number) { return SegmentModel{number...}; }, numbers);
+}
+
+int count_of(const Planes& planes, const Labels& label) {
+  require_shape(planes, planes.shape(0), 3);
+  const int count = static_cast<int>(planes.shape(0));
+  for (size_t p = 0; p < label.size(); ++p)
+    require(0 <= label.data()[p] && label.data()[p] < count, "labels run from 0 to the number of planes less 1");
+  return count;
+}
+
+void bind_planes(nb::module_& m) {
+  m.def("fit_planes", [](const ObservedArrays& seen, const ModelNumbers& numbers, const Labels& label, int trials,
+                         const Planes& planes, int threads) {
+    const Observed observed = observed_of(seen, label);
+    const int count = count_of(planes, label);
+    run(threads, [&](const Workers& workers) {
+      fit_planes(observed, model_of(numbers), label.data(), count, trials, planes.data(), workers);
+    });
+  });
+
+  m.def("move_boundaries", [](const ObservedArrays& seen, const ModelNumbers& numbers, const Planes& planes, int sweeps,
+                              const Labels& label, int threads) {
+    const Observed observed = observed_of(seen, label);
+    const int count = count_of(planes, label);
+    require(0 <= sweeps && sweeps <= 63, "sweeps run from 0 to 63");
+    run(threads, [&](const Workers& workers) {
+      move_boundaries(observed, model_of(numbers), planes.data(), count, sweeps, label.data(), workers);
+    });
+  });
+
+  m.def("smooth_planes", [](const ObservedArrays& seen, const ModelNumbers& numbers, const Labels& label, int columns,
+                            int rounds, const Planes& planes, int threads) {
+    const Observed observed = observed_of(seen, label);
+    const int count = count_of(planes, label);
+    require(columns > 0 && rounds >= 0 && rounds < 1 << 20, "a column at least, and up to 2^20 rounds");
+    run(threads, [&](const Workers& workers) {
+      smooth_planes(observed, model_of(numbers), label.data(), count, columns, rounds, planes.data(), workers);
+    });
+  });
+
+  m.def("render_planes", [](const Labels& label, const Planes& planes, double least, double most,
+                            const Array<float, 2>& disparity, int threads) {
+    const int H = label.shape(0), W = label.shape(1);
+    count_of(planes, label);
+    require_shape(disparity, H, W);
+    run(threads, [&](const Workers& workers) {
+      render_planes(label.data(), H, W, planes.data(), least, most, disparity.data(), workers);
+    });
+  });
+}
+
 HalfWindow half_window_of(int x, int y) {
   require(1 <= x && x <= 127 && 1 <= y && y <= 127, "a window reaches from 1 to 127 pixels");
   return {x, y};
@@ -833,4 +903,5 @@ NB_MODULE(_core, m) {
   m.def("sgm_sums", sgm_volume<false>);
   m.def("mgm_sums", sgm_volume<true>);
   m.def("sgm_census", sgm_match);
+  bind_planes(m);
 }

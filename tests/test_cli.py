@@ -175,6 +175,7 @@ class TestMatch:
         "sky": ("on", True),
         "median": ("5", 5),
         "speckle": ("50,2", [50, 2.0]),
+        "planes": ("segments", "segments"),
         "fill": ("surfaces", "surfaces"),
         "weighted_median": ("5,12", [5, 12.0]),
         "edge_aware": ("3", [3.0, 5.0]),

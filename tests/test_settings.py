@@ -44,7 +44,8 @@ any_settings = some.builds(
     speckle=some.none()
     | some.integers(0, 10**6)
     | some.tuples(some.integers(0, 2**31 - 1), some.floats(0, 1e6)),
-    fill=some.sampled_from([None, "background", "interpolate", "surfaces"]),
+    planes=some.just("segments"),
+    fill=some.sampled_from([None, "background", "interpolate", "surfaces", "planes"]),
     weighted_median=some.none()
     | some.sampled_from([1, 5, 11])
     | some.tuples(some.just(3), some.floats(0.4, 1e6)),
@@ -315,6 +316,7 @@ def test_a_changed_preset_still_says_where_it_came_from():
         ("disparities=-16:48", {"disparities": (-16, 48)}),
         ("disparities=none", {"disparities": None}),
         ("fill=background", {"fill": "background"}),
+        ("planes=segments", {"planes": "segments"}),
         ("threads=2", {"threads": 2}),
         ("step=3", {"step": 3}),
         ("disparity_step=2", {"disparity_step": 2}),

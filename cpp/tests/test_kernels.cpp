@@ -17,6 +17,7 @@
 #include "../dispatch.hpp"
 #include "../parallel.hpp"
 #include "../pixelwise.hpp"
+#include "../planes.hpp"
 #include "../sgm.hpp"
 #include "../stages.hpp"
 
@@ -1707,6 +1708,66 @@ void test_census_matching() {
         CHECK(std::memcmp(wanted.data(), disparity.data(), wanted.size() * sizeof(float)) == 0, std::string(kernel->name) + " " + text(n));
       }
   }
+  }
+}
+
+void test_segments() {
+  Random random{23};
+  const SegmentModel model{5, 6, 0.6, 1.5, 400, 2000, 300, 2, 2, 6};
+  for (int round = 0; round < 40; ++round) {
+    const int H = random.between(1, 24), W = random.between(1, 24), C = round % 2 ? 1 : 3;
+    const int rows = random.between(1, std::min(H, 5)), columns = random.between(1, std::min(W, 5)), count = rows * columns;
+    const size_t pixels = static_cast<size_t>(H) * W;
+    std::vector<float> image(pixels * C), disparity(pixels), weight(pixels);
+    for (float& value : image) value = static_cast<float>(random.below(256));
+    for (size_t p = 0; p < pixels; ++p) {
+      weight[p] = random.below(4) ? random.below(8) / 7.0f : 0;
+      // What counts nothing may be anything.
+      disparity[p] = weight[p] > 0 ? random.below(64) / 4.0f : std::nanf("");
+    }
+    const Observed seen{image.data(), disparity.data(), weight.data(), H, W, C};
+    const auto solved = [&](int threads) {
+      const Workers workers{threads, [] { return false; }};
+      std::vector<int32_t> label(pixels);
+      for (int y = 0; y < H; ++y)
+        for (int x = 0; x < W; ++x) label[y * W + x] = y * rows / H * columns + x * columns / W;
+      std::vector<double> planes(static_cast<size_t>(count) * 3, std::nan(""));
+      for (int turn = 0; turn < 2; ++turn) {
+        fit_planes(seen, model, label.data(), count, 5, planes.data(), workers);
+        move_boundaries(seen, model, planes.data(), count, 3, label.data(), workers);
+      }
+      smooth_planes(seen, model, label.data(), count, columns, 3, planes.data(), workers);
+      std::vector<float> flat(pixels);
+      render_planes(label.data(), H, W, planes.data(), 0, 15, flat.data(), workers);
+      return std::make_pair(label, flat);
+    };
+    const auto one = solved(1), three = solved(3);
+    const std::string told = text(H) + "x" + text(W);
+    CHECK(one.first == three.first, told);
+    CHECK(std::memcmp(one.second.data(), three.second.data(), pixels * sizeof(float)) == 0, told);
+    std::vector<int> sizes(count);
+    for (const int32_t l : one.first) ++sizes[l];
+    CHECK(*std::min_element(sizes.begin(), sizes.end()) > 0, told);
+    for (const float value : one.second) CHECK(std::isnan(value) || (value >= 0 && value <= 15), told);
+  }
+  // Both loops of short steps ask before each.
+  const std::vector<float> grey(64 * 64), ones(64 * 64, 1);
+  const Observed seen{grey.data(), ones.data(), ones.data(), 64, 64, 1};
+  std::vector<int32_t> label(64 * 64);
+  std::vector<double> planes(3, 0);
+  const Workers impatient{2, [] { return true; }};
+  int stopped = 0;
+  try {
+    move_boundaries(seen, model, planes.data(), 1, 60, label.data(), impatient);
+  } catch (const Interrupted&) {
+    ++stopped;
+  }
+  try {
+    smooth_planes(seen, model, label.data(), 1, 1, 1 << 19, planes.data(), impatient);
+  } catch (const Interrupted&) {
+    ++stopped;
+  }
+  CHECK(stopped == 2, "segments");
 }
 
 }  // namespace
@@ -1760,6 +1821,7 @@ int main() {
   timed("Gaussian windows", test_gaussian);
   timed("Gaussian windows, threads", test_gaussian_threads_and_interruption);
   timed("bounds of sums", test_bounds_of_sums);
+  timed("segments", test_segments);
   std::printf("%d passed, %d failed\n", passed, failed);
   return failed ? EXIT_FAILURE : EXIT_SUCCESS;
 }

@@ -490,3 +490,34 @@ def sgm_census(
     instructions: str,
     /,
 ) -> None: ...
+def fit_planes(
+    seen: tuple[_F32, _F32, _F32],
+    model: tuple[float, ...],
+    label: _I32,
+    trials: int,
+    planes: _F64,
+    threads: int,
+    /,
+) -> None: ...
+def move_boundaries(
+    seen: tuple[_F32, _F32, _F32],
+    model: tuple[float, ...],
+    planes: _F64,
+    sweeps: int,
+    label: _I32,
+    threads: int,
+    /,
+) -> None: ...
+def smooth_planes(
+    seen: tuple[_F32, _F32, _F32],
+    model: tuple[float, ...],
+    label: _I32,
+    columns: int,
+    rounds: int,
+    planes: _F64,
+    threads: int,
+    /,
+) -> None: ...
+def render_planes(
+    label: _I32, planes: _F64, least: float, most: float, disparity: _F32, threads: int, /
+) -> None: ...

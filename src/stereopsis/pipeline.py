@@ -24,6 +24,7 @@ from stereopsis import (
     noise,
     optimize,
     pixelwise,
+    planes,
     rectify,
     refine,
     select,
@@ -86,6 +87,7 @@ def match(
     sky: bool = UNSET,
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
+    planes: str | None = UNSET,
     planar: Window | None = UNSET,
     fill: str | None = UNSET,
     weighted_median: tuple[int, float] | int | None = UNSET,
@@ -116,9 +118,9 @@ def match(
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
     cost, channels, vertical, slant, extra_windows, optimize, subpixel, refine_window, upsample
         As in `Settings`.
-    left_right, uniqueness, texture, reflection, sky, median, speckle, planar, fill, weighted_median
+    left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
         As in `Settings`.
-    edge_aware, confidence, pyramid, step, disparity_step, threads, keep
+    weighted_median, edge_aware, confidence, pyramid, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -169,6 +171,7 @@ def match(
             ("sky", sky),
             ("median", median),
             ("speckle", speckle),
+            ("planes", planes),
             ("planar", planar),
             ("fill", fill),
             ("weighted_median", weighted_median),
@@ -283,15 +286,26 @@ def _match(
             # Unchecked winners are of no use as witnesses against the sky.
             matched = None if chosen.left_right is None else disparity
             _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
+    beneath = None
+    if chosen.planes is not None:
+        with _timed(timings, "segments"):
+            bounds = chosen.disparities.min, chosen.disparities.max - 1
+            ground = slant.road(disparity, slant.FIRST_WINDOW)
+            segments = planes.refine(pair.left, disparity, bounds, threads=chosen.threads, ground=ground)
+            beneath = segments.disparity
+            disparity = np.where(np.isnan(disparity), np.float32(np.nan), beneath)
+            if "segments" in chosen.keep:
+                stages["segments"], stages["segment_planes"] = segments.label, segments.planes
+                stages["segment_support"] = segments.support
     whole = disparity
     if chosen.planar is not None:
         with _timed(timings, "planar"):
-            whole = _planar(disparity, pixels, chosen, flags, stages.pop("winners", None))
+            whole = _planar(disparity, pixels, chosen, flags, beneath, stages.pop("winners", None))
             disparity = np.where(flags == 0, whole, np.float32(np.nan))
             confidence = np.where(flags == 0, stages.pop("sharpness", confidence), np.float32(0))
     elif chosen.fill is not None:
         with _timed(timings, "fill"):
-            whole = _filled(chosen.fill, disparity, flags, pixels, chosen.threads)
+            whole = _filled(chosen.fill, disparity, flags, pixels, beneath, chosen.threads)
     holes = np.isnan(disparity)
     if chosen.fill is not None:
         flags[holes & np.isfinite(whole)] |= np.uint8(Flag.FILLED)
@@ -318,9 +332,17 @@ def _match(
 
 
 def _filled(
-    how: str, disparity: DisparityMap, flags: npt.NDArray[np.uint8], pixels: cost.Pixels, threads: int
+    how: str,
+    disparity: DisparityMap,
+    flags: npt.NDArray[np.uint8],
+    pixels: cost.Pixels,
+    beneath: DisparityMap | None,
+    threads: int,
 ) -> DisparityMap:
+    """The map without holes; `beneath` is what the segments' planes have everywhere."""
     match how:
+        case "planes":
+            return cast(DisparityMap, beneath)
         case "interpolate":
             return fill.interpolate(disparity, flags)
         case "surfaces":
@@ -409,6 +431,7 @@ def _planar(
     pixels: cost.Pixels,
     chosen: Settings,
     flags: npt.NDArray[np.uint8],
+    beneath: DisparityMap | None,
     winners: DisparityMap | None,
 ) -> DisparityMap:
     """Fill the holes, draw all to the planes that they lie on, and judge the winners by these planes.
@@ -417,7 +440,7 @@ def _planar(
     check of left against right gets it back where its surroundings agree. The flags are changed to say so.
     """
     how = "background" if chosen.fill is None else chosen.fill
-    whole = _filled(how, disparity, flags, pixels, chosen.threads)
+    whole = _filled(how, disparity, flags, pixels, beneath, chosen.threads)
     if chosen.median is not None:
         whole = refine.median(whole, chosen.median, chosen.threads)
     smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)

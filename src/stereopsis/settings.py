@@ -131,14 +131,15 @@ Subpixel: TypeAlias = Literal[
 ]
 SUBPIXEL = ("parabola", "equiangular", "symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine")
 INTERPOLATIONS = ("nearest", "linear", "cubic", "lanczos", "area")
-FILLS = ("background", "interpolate", "surfaces")
+FILLS = ("background", "interpolate", "surfaces", "planes")
+PLANES = ("segments",)
 CONFIDENCES = ("calibrated",)
 CHANNELS = ("grey", "separate")
 MAX_STEP = 255
 MAX_VERTICAL = 1000
 MAX_PYRAMID = 5
 SLANTS = ("road", "planes")
-KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes", "vertical")
+KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes", "segments", "vertical")
 
 
 @dataclass(frozen=True)
@@ -197,9 +198,16 @@ class Settings:
     speckle : tuple of (int, float) or None
         Regions of fewer pixels than the first, in which neighbours differ by at most the second (pixels of
         disparity), are removed.
-    fill : {"background", "interpolate", "surfaces"} or None
+    planes : {"segments"} or None
+        Every disparity is replaced by that of its segment's plane: small segments of the left image, whose
+        planes go on, fold or hide each other. None: disparities stay as they were matched.
+    planar : int or (int, int) or None
+        Draw every disparity to the plane that a window of this size lies on, after the holes are filled and the
+        median. Of semi-global matching those winners are answered that lie near it. None: off.
+    fill : {"background", "interpolate", "surfaces", "planes"} or None
         How invalid pixels are answered: from the farther neighbour on the row; from eight directions by
-        Hirschmueller's rules; by the slanted surfaces around them. None: they stay NaN.
+        Hirschmueller's rules; by the slanted surfaces around them; from the plane of
+        their segment, which needs `planes`. None: they stay NaN.
     weighted_median : (int, float) or None
         Median over so many pixels square, odd, up to 11, each weighted by how much it looks like the middle
         one: the second says over how many grey levels (of 255). After filling. None: off.
@@ -223,8 +231,10 @@ class Settings:
         Arrays that the result is to hold: "costs" (H, W, D), "right_disparity", "texture", "unfiltered";
         "planes", (N, 3) float64 ``a, b, c`` of ``d = a x + b y + c``, with "plane", (H, W) uint8, the number
         of each pixel's, 0 being fronto-parallel; "vertical", (H, W) float32, the rows that each pixel of the
-        right image lay too low. With `slant` or `extra_windows` there are no costs to keep,
-        as they belong to one plane and window.
+        right image lay too low; "segments", (H, W) int32, each pixel's segment, with
+        "segment_planes", (N, 3) float64, and "segment_support", (N,) float32, as
+        `planes.Segmentation` says. With `slant` or `extra_windows` there are no costs to keep, as they belong
+        to one plane and window.
     preset : str or None
         The preset that these settings started from.
     """
@@ -246,8 +256,9 @@ class Settings:
     sky: bool = False
     median: int | None = None
     speckle: tuple[int, float] | None = None
+    planes: Literal["segments"] | None = None
     planar: Window | None = None
-    fill: Literal["background", "interpolate", "surfaces"] | None = None
+    fill: Literal["background", "interpolate", "surfaces", "planes"] | None = None
     weighted_median: tuple[int, float] | None = None
     edge_aware: tuple[float, float] | None = None
     confidence: Literal["calibrated"] | None = None
@@ -262,6 +273,7 @@ class Settings:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
         _check_subpixel(self)
+        _check_planes(self)
         _check_paths(self)
 
     @classmethod
@@ -551,6 +563,9 @@ def _checked(name: str, value: Any) -> Any:
             if not (_is_int(area) and 0 <= area < 2**31 and _is_number(difference) and difference >= 0):
                 raise refuse("(area in pixels, largest difference in pixels of disparity), or None")
             return int(area), float(difference)
+        case "planes":
+            if value is not None and value not in PLANES:
+                raise refuse(f"one of {', '.join(PLANES)}, or None")
         case "fill":
             if value is not None and value not in FILLS:
                 raise refuse(f"one of {', '.join(FILLS)}, or None")
@@ -619,6 +634,14 @@ def _check_subpixel(settings: Settings) -> None:
     kept = {"costs", "right_disparity"} & set(settings.keep)
     if kept:
         raise ValueError(f"keep must not hold {', '.join(sorted(kept))} with upsample")
+
+
+def _check_planes(settings: Settings) -> None:
+    """Raise ValueError where what comes from planes is asked for without them."""
+    if settings.planes is None and settings.fill == "planes":
+        raise ValueError('fill must not be "planes" where planes is None: set planes to "segments"')
+    if settings.planes is None and "segments" in settings.keep:
+        raise ValueError('keep must not hold "segments" where planes is None: set planes to "segments"')
 
 
 def _check_paths(settings: Settings) -> None:
@@ -723,6 +746,8 @@ def _from_text(name: str, text: str) -> Any:
         case "window" | "aggregation":
             return text
         case "confidence":
+            return text
+        case "planes":
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()

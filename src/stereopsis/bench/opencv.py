@@ -69,7 +69,8 @@ CHECKED = Peer("StereoSGBM 3WAY 5, checked", _semi_global("SGBM_3WAY", 24, 96, 6
 EIGHT_WAYS = Peer("StereoSGBM HH 5", _semi_global("HH", 8, 32, 31))
 PEERS = (BLOCK, THREE_WAYS, CHECKED, EIGHT_WAYS)
 """Block 5, P1 = 8 block², P2 = 32 block², pre-filter cap 31, as OpenCV's documentation has them; the checked
-one with 24, 96 and 63, as its sample of disparity filtering. Uniqueness 10 %, disp12MaxDiff 1, speckle 100, 2.
+one with 24, 96 and 63, as its sample of disparity filtering.
+Filters: uniqueness 10 %, disp12MaxDiff 1, speckle 100.
 """
 
 

@@ -34,6 +34,10 @@ any_settings = some.builds(
         sides | some.tuples(sides, sides) | supports,
     ),
     channels=some.sampled_from(["grey", "separate"]),
+    vertical=some.none()
+    | some.just("estimate")
+    | some.floats(-9, 9)
+    | some.tuples(*3 * [some.floats(-9, 9)]),
     subpixel=some.sampled_from([None, "parabola", "equiangular"]),
     left_right=numbers,
     uniqueness=numbers,

@@ -26,56 +26,52 @@ class Peer(NamedTuple):
     ----------
     name : str
     make : callable
-        From a module ``cv2``, a smallest disparity and a number of disparities to what computes a map.
+        From a module ``cv2``, a smallest disparity, a number of disparities, and whether the map is filtered,
+        to what computes a map.
     checked : bool
-        Whether a map of the right image is computed as well, and what the two disagree on left out.
+        Whether an unfiltered map of the right image is computed too, and what disagrees with it left out.
     """
 
     name: str
-    make: Callable[[Any, int, int], Compute]
+    make: Callable[[Any, int, int, bool], Compute]
     checked: bool = False
 
 
-def _block_matcher(cv2: Any, least: int, count: int) -> Compute:
+def _block_matcher(cv2: Any, least: int, count: int, filtered: bool) -> Compute:
     matcher = cv2.StereoBM_create(numDisparities=count, blockSize=21)
     matcher.setMinDisparity(least)
-    _filtered(matcher)
-    compute: Compute = matcher.compute
-    return compute
+    return _with_filters(matcher, 31, filtered)
 
 
-def _semi_global(mode: str) -> Callable[[Any, int, int], Compute]:
-    def make(cv2: Any, least: int, count: int) -> Compute:
-        block = 5
-        matcher = cv2.StereoSGBM_create(
-            least,
-            count,
-            block,
-            P1=8 * block**2,
-            P2=32 * block**2,
-            mode=getattr(cv2, f"STEREO_SGBM_MODE_{mode}"),
-        )
-        _filtered(matcher)
-        compute: Compute = matcher.compute
-        return compute
+def _semi_global(mode: str, p1: int, p2: int, cap: int) -> Callable[[Any, int, int, bool], Compute]:
+    def make(cv2: Any, least: int, count: int, filtered: bool) -> Compute:
+        area = 5**2
+        way = getattr(cv2, f"STEREO_SGBM_MODE_{mode}")
+        matcher = cv2.StereoSGBM_create(least, count, 5, P1=p1 * area, P2=p2 * area, mode=way)
+        return _with_filters(matcher, cap, filtered)
 
     return make
 
 
-def _filtered(matcher: Any) -> None:
-    matcher.setPreFilterCap(31)
-    matcher.setUniquenessRatio(10)
-    matcher.setDisp12MaxDiff(1)
-    matcher.setSpeckleWindowSize(100)
+def _with_filters(matcher: Any, cap: int, filtered: bool) -> Compute:
+    matcher.setPreFilterCap(cap)
+    matcher.setUniquenessRatio(10 if filtered else 0)
+    matcher.setDisp12MaxDiff(1 if filtered else 1_000_000)
+    matcher.setSpeckleWindowSize(100 if filtered else 0)
     matcher.setSpeckleRange(2)
+    compute: Compute = matcher.compute
+    return compute
 
 
 BLOCK = Peer("StereoBM 21", _block_matcher)
-THREE_WAYS = Peer("StereoSGBM 3WAY 5", _semi_global("SGBM_3WAY"))
-CHECKED = Peer("StereoSGBM 3WAY 5, checked", _semi_global("SGBM_3WAY"), checked=True)
-EIGHT_WAYS = Peer("StereoSGBM HH 5", _semi_global("HH"))
+THREE_WAYS = Peer("StereoSGBM 3WAY 5", _semi_global("SGBM_3WAY", 8, 32, 31))
+CHECKED = Peer("StereoSGBM 3WAY 5, checked", _semi_global("SGBM_3WAY", 24, 96, 63), checked=True)
+EIGHT_WAYS = Peer("StereoSGBM HH 5", _semi_global("HH", 8, 32, 31))
 PEERS = (BLOCK, THREE_WAYS, CHECKED, EIGHT_WAYS)
-"""P1 = 8 block², P2 = 32 block²; pre-filter cap 31, uniqueness 10 %, disp12MaxDiff 1, speckle 100 and 2."""
+"""Block 5, P1 = 8 block², P2 = 32 block², pre-filter cap 31, as OpenCV's documentation has them; the checked
+one with 24, 96 and 63, as its sample of disparity filtering.
+Filters: uniqueness 10 %, disp12MaxDiff 1, speckle 100.
+"""
 
 
 def require() -> None:
@@ -130,11 +126,12 @@ def match(pair: Pair, peer: Peer, disparities: Disparities) -> DisparityMap:
     import cv2
 
     left, right = _bytes(pair)
-    count, compute = _count(disparities), _maker(peer, disparities)
+    least, count = disparities.min, _count(disparities)
     try:
-        found = _whole(compute, left, right, disparities.min, count)
+        found = _whole(_maker(peer, disparities, True), left, right, least, count)
         if peer.checked:
-            mirrored = _whole(compute, _mirrored(right), _mirrored(left), disparities.min, count)
+            other = _maker(peer, disparities, False)
+            mirrored = _whole(other, _mirrored(right), _mirrored(left), least, count)
             found[~_agree(found, mirrored[:, ::-1])] = np.nan
     except cv2.error as error:
         raise ValueError(f"OpenCV: {' '.join(str(error).split())}") from None
@@ -144,7 +141,7 @@ def match(pair: Pair, peer: Peer, disparities: Disparities) -> DisparityMap:
 def task(pair: Pair, peer: Peer, disparities: Disparities) -> Callable[[], object]:
     """OpenCV's own call on one thread and nothing else, for timing."""
     left, right = _bytes(pair)
-    compute = _maker(peer, disparities)
+    compute = _maker(peer, disparities, True)
 
     def call() -> object:
         with threads(1):
@@ -153,10 +150,10 @@ def task(pair: Pair, peer: Peer, disparities: Disparities) -> Callable[[], objec
     return call
 
 
-def _maker(peer: Peer, disparities: Disparities) -> Compute:
+def _maker(peer: Peer, disparities: Disparities, filtered: bool) -> Compute:
     import cv2
 
-    return peer.make(cv2, disparities.min, _count(disparities))
+    return peer.make(cv2, disparities.min, _count(disparities), filtered)
 
 
 def _count(disparities: Disparities) -> int:

@@ -51,7 +51,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("task", choices=("fit", "check"))
     parser.add_argument("folders", nargs="+", metavar="FOLDER", type=Path)
     parser.add_argument("--set", dest="assignments", action="append", default=[], metavar="NAME=VALUE")
-    parser.add_argument("--preset", default="fast", metavar="NAME")
+    parser.add_argument("--preset", metavar="NAME")
     return parser.parse_args(arguments)
 
 

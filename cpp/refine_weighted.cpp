@@ -24,20 +24,24 @@ struct Padded {
   std::vector<std::vector<int16_t>> guide;
 };
 
-// Weight of the pixel `apart` cells on: ((255 - slope difference / 16)+ / 16)^2, at least 1; 0 where it has no value.
-void weigh(const Padded& padded, size_t at, ptrdiff_t apart, int slope, uint16_t* __restrict weights) {
+// Weight of the pixel `apart` cells on: ((255 - slope difference / 16)+)^2 / 256, at least 1; 0 where it has no value. From a
+// difference of `enough` on nothing is left; so all of it fits 16 bits.
+void weigh(const Padded& padded, size_t at, ptrdiff_t apart, uint16_t slope, int16_t enough, uint16_t* __restrict weights) {
   int16_t most[kBlock] = {};
   for (const auto& channel : padded.guide) {
     const int16_t *here = channel.data() + at, *there = here + apart;
     for (int i = 0; i < kBlock; ++i) {
-      const int16_t difference = static_cast<int16_t>(std::abs(here[i] - there[i]));
+      const int16_t difference = static_cast<int16_t>(std::max(here[i], there[i]) - std::min(here[i], there[i]));
       most[i] = std::max(most[i], difference);
     }
   }
   const uint16_t* valid = padded.there.data() + at + apart;
   for (int i = 0; i < kBlock; ++i) {
-    const int less = std::min(255, static_cast<int>(most[i]) * slope >> 4), left = 255 - less;
-    weights[i] = static_cast<uint16_t>(std::max(1, left * left >> 8)) & valid[i];
+    const uint16_t difference = static_cast<uint16_t>(std::min(most[i], enough));
+    const int16_t less = static_cast<int16_t>(static_cast<uint16_t>(difference * slope) >> 4);
+    const uint16_t left = static_cast<uint16_t>(255 - std::min(less, int16_t{255}));
+    const int16_t weight = static_cast<int16_t>(static_cast<uint16_t>(left * left) >> 8);
+    weights[i] = static_cast<uint16_t>(std::max(weight, int16_t{1})) & valid[i];
   }
 }
 
@@ -46,6 +50,7 @@ void weigh(const Padded& padded, size_t at, ptrdiff_t apart, int slope, uint16_t
 void weighted_median(const float* disparity, const uint8_t* guide, int height, int width, int channels, int size, int slope,
                      float* filtered, const Workers& workers) {
   const int reach = size / 2, count = size * size;
+  const int16_t enough = static_cast<int16_t>(slope > 0 ? std::min(255, 4080 / slope + 1) : 0);
   float largest = 0;
   for (size_t at = 0; at < static_cast<size_t>(height) * width; ++at)
     if (!std::isnan(disparity[at])) largest = std::max(largest, std::fabs(disparity[at]));
@@ -75,7 +80,7 @@ void weighted_median(const float* disparity, const uint8_t* guide, int height, i
         std::fill(high, high + kBlock, int16_t{-32768});
         for (int k = 0; k < count; ++k) {
           uint16_t* weight = weights.data() + static_cast<size_t>(k) * kBlock;
-          weigh(padded, at, offsets[k], slope, weight);
+          weigh(padded, at, offsets[k], static_cast<uint16_t>(slope), enough, weight);
           const int16_t* value = padded.value.data() + at + offsets[k];
           for (int i = 0; i < kBlock; ++i) {
             const int16_t here = value[i], missing = weight[i] ? 0 : -1;

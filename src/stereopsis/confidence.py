@@ -25,9 +25,12 @@ FEATURES = (
 )
 """What the model looks at, in the order of its weights."""
 
-# Fitted by: python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY
-ANSWERED = (2.526, -0.686, 0.430, 1.099, -1.237, -1.685, -3.554, -0.810, -2.530, 1.145, 3.130)
-FILLED = (0.000, 0.000, 0.856, 2.036, -0.494, 1.440, -0.269, -0.375, -3.184, 2.868, -0.538)
+# python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY --set cost=census --set window=9x7
+#   --set aggregation=3 --set optimize=sgm --set optimize_p1=90 --set optimize_p2=720
+#   --set optimize_p2_min=270 --set optimize_contrast=20 --set left_right=1 --set median=3
+#   --set speckle=200,1 --set fill=surfaces --set weighted_median=9,20
+ANSWERED = (2.926, 0.022, 1.289, 2.533, -1.336, -0.608, -7.388, -0.491, -1.469, 2.933, -1.121)
+FILLED = (0.000, 0.000, 0.008, 3.189, -0.833, 1.467, -8.416, 0.081, -2.128, 4.962, -1.882)
 """Weights for pixels that were matched, and for those that were filled."""
 
 

@@ -201,6 +201,16 @@ std::vector<Group> groups_of(int paths, bool down) {
 }
 bool both_ways(int paths) { return paths == 4 || paths > 5; }
 
+// Rows that are followed again at a time: their sums stay in the cache, and what is kept of the others is little.
+constexpr int kStretch = 8;
+
+// Where a sweep notes, every kStretch rows, what the next row will look back at.
+struct Notes {
+  char* memory = nullptr;
+  size_t stride = 0;
+  int count = 0;
+};
+
 // The state of one group: of every path the costs and the least of them, of as many rows as it looks back, and the new one.
 template <class Lane>
 class GroupState {
@@ -233,15 +243,31 @@ class GroupState {
   size_t saved() const {
     size_t rows = 0;
     for (const Offset& offset : group_.above) rows += offset.dy;
-    return rows * costs_row() * sizeof(Lane) + (depth() - 1) * least_row() * sizeof(uint32_t);
+    return (rows * costs_row() * sizeof(Lane) + (depth() - 1) * least_row() * sizeof(uint32_t) + 63) / 64 * 64;
+  }
+  // Rows that are noted are written to the notes, and read from there, where they are no further back than one.
+  void note_in(const Notes& notes, bool fresh) {
+    if (depth() != 2) return;
+    notes_ = notes;
+    for (int n = 0; fresh && n < notes.count; ++n) {
+      const int turn = n * kStretch - 1;
+      const size_t room = job_.room, wide = job_.pair.width + kMargin;
+      for (int k = 0; k < static_cast<int>(group_.above.size()); ++k)
+        for (size_t column = 0; column < columns_; ++column)
+          if (n == 0 || column < kMargin || column >= wide)
+            std::copy_n(no_candidate_.get(), room, costs_at(k, turn) + column * room - kMargin * room);
+      std::fill_n(least_at(turn) - kMargin * kPathsAtOnce, least_row(), 0u);
+    }
   }
   char* save(int turn, char* to) const {
-    each_saved(turn, [&](void* from, size_t bytes) { std::memcpy(to, from, bytes), to += bytes; });
-    return to;
+    char* const next = to + saved();
+    if (!notes_.memory) each_saved(turn, [&](void* from, size_t bytes) { std::memcpy(to, from, bytes), to += bytes; });
+    return next;
   }
   const char* restore(int turn, const char* from) {
-    each_saved(turn, [&](void* to, size_t bytes) { std::memcpy(to, from, bytes), from += bytes; });
-    return from;
+    const char* const next = from + saved();
+    if (!notes_.memory) each_saved(turn, [&](void* to, size_t bytes) { std::memcpy(to, from, bytes), from += bytes; });
+    return next;
   }
 
   // Row y, the `turn`th of the sweep.
@@ -286,18 +312,30 @@ class GroupState {
     for (const Offset& offset : group_.above) deepest = std::max(deepest, offset.dy);
     return deepest + 1;
   }
-  size_t costs_row() const { return job_.pair.width * job_.room; }
-  size_t least_row() const { return static_cast<size_t>(job_.pair.width) * kPathsAtOnce; }
+  size_t costs_row() const { return columns_ * job_.room; }
+  size_t least_row() const { return columns_ * kPathsAtOnce; }
+  char* note_of(int turn) const {
+    const int next = turn + 1;
+    return notes_.memory && next % kStretch == 0 && next / kStretch < notes_.count
+               ? notes_.memory + next / kStretch * notes_.stride
+               : nullptr;
+  }
   Lane* costs_at(int k, int turn) const {
+    if (char* note = note_of(turn)) return reinterpret_cast<Lane*>(note) + k * costs_row() + kMargin * job_.room;
     const int slots = group_.above[k].dy + 1;
     return costs_[k]->get() + 64 + ((turn + slots) % slots * columns_ + kMargin) * job_.room;
   }
-  uint32_t* least_at(int turn) const { return least_.get() + ((turn + depth()) % depth() * columns_ + kMargin) * kPathsAtOnce; }
+  uint32_t* least_at(int turn) const {
+    if (char* note = note_of(turn))
+      return reinterpret_cast<uint32_t*>(note + group_.above.size() * costs_row() * sizeof(Lane)) + kMargin * kPathsAtOnce;
+    return least_.get() + ((turn + depth()) % depth() * columns_ + kMargin) * kPathsAtOnce;
+  }
   template <class Visit>
   void each_saved(int turn, Visit visit) const {
     for (int k = 0; k < static_cast<int>(group_.above.size()); ++k)
-      for (int back = 1; back <= group_.above[k].dy; ++back) visit(costs_at(k, turn - back), costs_row() * sizeof(Lane));
-    for (int back = 1; back < depth(); ++back) visit(least_at(turn - back), least_row() * sizeof(uint32_t));
+      for (int back = 1; back <= group_.above[k].dy; ++back) visit(costs_at(k, turn - back) - kMargin * job_.room, costs_row() * sizeof(Lane));
+    for (int back = 1; back < depth(); ++back)
+      visit(least_at(turn - back) - kMargin * kPathsAtOnce, least_row() * sizeof(uint32_t));
   }
   void second_penalties(int k, int y, int dx, int dy) {
     const int W = job_.pair.width, before = down_ ? y - dy : y + dy;
@@ -313,6 +351,7 @@ class GroupState {
   const Group group_;
   const bool down_;
   const size_t columns_;
+  Notes notes_;
   std::vector<std::unique_ptr<Block<Lane>>> costs_;
   Block<uint32_t> least_;
   Block<Lane> second_, line_, no_candidate_;
@@ -345,6 +384,12 @@ class Sweep {
     size_t bytes = 0;
     for (const auto& group : groups_) bytes += group->saved();
     return bytes;
+  }
+  void note_in(Notes notes, bool fresh) {
+    for (auto& group : groups_) {
+      group->note_in(notes, fresh);
+      notes.memory += group->saved();
+    }
   }
   void save(char* to) const {
     for (const auto& group : groups_) to = group->save(turn_, to);
@@ -435,9 +480,6 @@ class RowEnd {
   std::vector<Beyond> beyond_;
 };
 
-// Rows that are followed again at a time: their sums stay in the cache, and what is kept of the others is little.
-constexpr int kStretch = 8;
-
 // Two sweeps, one down and one up, meet in the middle. Over its first half of the rows each only notes what it looks back
 // at, every kStretch rows. Over its second half it ends each row, with the sums of the other sweep's paths, which are
 // followed again from what was noted. So two threads are busy all the time, and no volume of sums is needed.
@@ -445,7 +487,10 @@ template <class Lane>
 class Meeting {
  public:
   Meeting(const SgmJob& job, const Ends& ends)
-      : job_(job), ends_(ends), down_(job, true), up_(job, false), noted_down_(notes(false)), noted_up_(notes(true)) {}
+      : job_(job), ends_(ends), down_(job, true), up_(job, false), noted_down_(notes(false)), noted_up_(notes(true)) {
+    down_.note_in(notes_of(0), true);
+    up_.note_in(notes_of(1), true);
+  }
 
   void run(const Workers& workers) {
     for (const bool first : {true, false})
@@ -459,7 +504,9 @@ class Meeting {
   // Of the sweep down (0) or up (1): how many rows its first half has, and the turn-th of all its rows.
   int half(int which) const { return which == 0 ? middle() : job_.pair.height - middle(); }
   int row_of(int which, int turn) const { return which == 0 ? turn : job_.pair.height - 1 - turn; }
-  size_t notes(bool up) const { return (static_cast<size_t>(half(up)) + kStretch - 1) / kStretch * down_.saved(); }
+  size_t notes(bool up) const { return stretches(up) * down_.saved(); }
+  int stretches(int which) const { return (half(which) + kStretch - 1) / kStretch; }
+  Notes notes_of(int which) { return {noted(which), down_.saved(), stretches(which)}; }
   char* noted(int which) { return (which == 0 ? noted_down_ : noted_up_).get(); }
   size_t row_size() const { return job_.pair.width * job_.room; }
 
@@ -478,12 +525,13 @@ class Meeting {
     const int other = 1 - which;
     Sweep<Lane>& sweep = which == 0 ? down_ : up_;
     Sweep<Lane> again(job_, other == 0);
+    again.note_in(notes_of(other), false);
     CostRows<Lane> rows(job_);
     RowEnd row_end(job_, ends_);
     Block<Lane> costs(kStretch * row_size());
     Block<uint16_t> sums(kStretch * row_size());
     // The other's stretches, from the last one back to its first.
-    for (int stretch = (half(other) + kStretch - 1) / kStretch - 1; stretch >= 0; --stretch) {
+    for (int stretch = stretches(other) - 1; stretch >= 0; --stretch) {
       const int begin = stretch * kStretch, end = std::min(begin + kStretch, half(other));
       again.restore(begin, noted(other) + stretch * again.saved());
       for (int turn = begin; turn < end; ++turn) {

@@ -198,7 +198,8 @@ static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint1
   store(sums, before ? STEREOPSIS_V(add_epi16)(sum, load(before)) : sum);
 }
 
-// N paths, the last of them along the row where Along. Vectors: of a pixel's candidates, or 0 where only `row` knows.
+// N paths, the last of them along the row where Along. Vectors: as many as a pixel's candidates fill, or 0 where
+// only `row` knows, and the last one may have room left.
 // Guided: P2 differs from pixel to pixel.
 template <class Lane, int N, bool Along, int Vectors, bool Guided>
 static void paths_of(const PathRow<Lane>& given) {
@@ -213,7 +214,7 @@ static void paths_of(const PathRow<Lane>& given) {
   edge[0] = static_cast<Lane>(~Lane{0});
   edge[2 * lanes - 1] = static_cast<Lane>(~Lane{0});
   const Vec before_first = load(edge), after_last = load(edge + lanes), all_ones = L::set(static_cast<Lane>(~Lane{0}));
-  const bool padded = row.count % lanes != 0;
+  constexpr bool padded = Vectors == 0;
   const Vec no_candidate = load(row.no_candidate + (vectors - 1) * lanes), candidate = is_zero(no_candidate, Lane{});
   Lane* const line = row.line;
   std::memcpy(line, row.no_candidate, row.room * sizeof(Lane));
@@ -296,7 +297,7 @@ static void paths_of(const PathRow<Lane>& given) {
 template <class Lane, int N, bool Along, bool Guided>
 static void paths_guided(const PathRow<Lane>& row) {
   constexpr int lanes = kBytes / sizeof(Lane);
-  if ((row.count + lanes - 1) / lanes == 128 / lanes) return paths_of<Lane, N, Along, 128 / lanes, Guided>(row);
+  if (row.count == 128) return paths_of<Lane, N, Along, 128 / lanes, Guided>(row);
   paths_of<Lane, N, Along, 0, Guided>(row);
 }
 template <class Lane, int N, bool Along>

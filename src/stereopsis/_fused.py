@@ -179,7 +179,8 @@ def match_sgm(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Disparity, confidence and flags, (H, W) each, of semi-global matching with census costs.
 
-    No volume is held, but two dozen rows of it. Some candidate of the range has to be in view.
+    No volume is held; what is takes about a quarter of the memory of the 16-bit sums. Some candidate of the
+    range has to be in view.
 
     Parameters
     ----------

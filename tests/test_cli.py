@@ -178,6 +178,7 @@ class TestMatch:
         "median": ("5", 5),
         "speckle": ("50,2", [50, 2.0]),
         "planes": ("segments", "segments"),
+        "planar": ("25x13", [25, 13]),
         "fill": ("surfaces", "surfaces"),
         "weighted_median": ("5,12", [5, 12.0]),
         "edge_aware": ("3", [3.0, 5.0]),

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
 import stereopsis as st
-from stereopsis import Disparities, _core, _fused, aggregate, cost
+from stereopsis import Disparities, _core, _fused, _instructions, aggregate, cost
 
 COSTS = (st.SAD, st.SSD, st.ZSAD, st.ZSSD, st.NCC, st.ZNCC)
 SLIDING = (st.SAD, st.SSD, st.ZSSD, st.NCC, st.ZNCC)
@@ -57,7 +57,7 @@ def on_every_set(monkeypatch, left, right, threads=(1,), **chosen):
     """Compares each instruction set with the composed path, which it returns."""
     definition = composed(left, right, **chosen)
     for instructions, count in itertools.product(SETS, threads):
-        monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+        monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
         streaming = st.match(left, right, threads=count, **chosen)
         assert_same(streaming, definition, f"{instructions}, {count} threads, {left.shape}, {chosen}")
     return definition
@@ -309,7 +309,7 @@ def test_any_problem(problem):
     left, right, chosen, instructions, threads = problem
     definition = st.match(left, right, keep=("costs",), **chosen)
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+        monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
         streaming = st.match(left, right, threads=threads, **chosen)
     assert_same(
         streaming, definition, f"{instructions}, {threads} threads, {left.dtype}, {left.shape}, {chosen}"
@@ -320,7 +320,7 @@ def test_any_problem(problem):
 
 
 def test_an_unknown_instruction_set_is_named(monkeypatch):
-    monkeypatch.setenv(_fused.ENVIRONMENT, "mmx")
+    monkeypatch.setenv(_instructions.ENVIRONMENT, "mmx")
     image = np.zeros((4, 4), np.uint8)
     with pytest.raises(ValueError, match=r"instruction set must be one of .*generic.*'mmx'"):
         st.match(image, image, disparities=(0, 2), cost="sad")
@@ -347,7 +347,7 @@ def test_many_rows_on_many_threads(monkeypatch):
 @pytest.mark.parametrize("instructions", _fused.instruction_sets())
 @pytest.mark.parametrize("threads", [1, 3])
 def test_the_streamed_volume_is_the_composed_one(kind, instructions, threads, monkeypatch):
-    monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+    monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
     rng = np.random.default_rng(5)
     for shape, first, count, window in (
         ((5, 43), -3, 17, (7, 3)),

@@ -11,7 +11,7 @@ from PIL import Image
 
 from reference import gaussian as reference
 from reference import validate
-from stereopsis import _fused, _gaussian, cost
+from stereopsis import _fused, _gaussian, _instructions, cost
 from stereopsis.types import Disparities, Flag
 
 KINDS = ("sad", "ssd", "zssd", "ncc", "zncc")
@@ -138,7 +138,7 @@ def test_winners_cost_no_more_than_the_definitions(problem, threads):
     left, right, disparities, sigma, truncate, kind, instructions = problem
     volume = definition(kind, left, right, disparities, sigma, truncate)
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+        monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
         disparity, confidence, flags = match(
             kind, left, right, disparities, sigma, truncate=truncate, threads=threads
         )
@@ -251,7 +251,7 @@ def test_instruction_sets_and_threads_do_not_matter(monkeypatch, kind, sigma, sh
     chosen = {"subpixel": "equiangular", "left_right": 1.0, "uniqueness": 3.0}
     first = None
     for instructions in SETS:
-        monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+        monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
         for threads in (1, 3):
             found = bits(match(kind, left, right, (-5, 33), sigma, threads=threads, **chosen))
             first = first or found
@@ -264,7 +264,7 @@ def test_numbers_of_candidates_around_those_of_vector_lanes(monkeypatch, kind, c
     left, right = images(count, (3, 210))
     found = []
     for instructions in SETS:
-        monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+        monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
         found.append(bits(match(kind, left, right, (-2, count - 2), 4.0, left_right=0.0, uniqueness=1.0)))
     assert all(each == found[0] for each in found)
     volume = definition(kind, left, right, (-2, count - 2), 4.0)
@@ -282,7 +282,7 @@ def test_images_smaller_than_the_window(monkeypatch, kind, shape, sigma):
         volume = definition(kind, left, right, disparities, sigma)
         found = []
         for instructions in (SETS[0], SETS[-1]):
-            monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+            monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
             found.append(match(kind, left, right, disparities, sigma, left_right=None, threads=2))
         assert bits(found[0]) == bits(found[1])
         scale = SCALE[kind] * (3 if len(shape) == 3 and kind not in ("ncc", "zncc") else 1)
@@ -298,7 +298,7 @@ def test_black_and_white_in_three_channels(monkeypatch):
         for sigma in (3.0, 30.0):
             volume = definition(kind, left, right, (0, 20), sigma)
             for instructions in SETS:
-                monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+                monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
                 disparity = match(kind, left, right, (0, 20), sigma)[0]
                 assert excess(volume, disparity, 0).max() <= 6e-3 * SCALE[kind]
 

@@ -62,7 +62,7 @@ def test_everything_but_the_images_is_named():
 def test_neither_cost_nor_preset_is_the_fast_preset():
     left, right = shifted()
     result = st.match(left, right, disparities=(0, 9))
-    assert result.settings == st.PRESETS["fast"].changed(disparities=(0, 9))
+    assert result.settings == st.PRESETS["fast"].changed(disparities=(0, 9), vertical=0)
     assert bits(result) == bits(st.match(left, right, disparities=(0, 9), preset="fast"))
 
 
@@ -81,7 +81,8 @@ def test_a_cost_alone_switches_no_check_and_no_filter_on(cost):
 def test_a_preset_with_another_cost_keeps_its_checks():
     left, right = shifted()
     chosen = st.match(left, right, preset="fast", cost=st.SAD(5), disparities=(0, 9)).settings
-    assert chosen == st.PRESETS["fast"].changed(cost=st.SAD(5), disparities=(0, 9))
+    assert chosen.vertical == st.Vertical(0.0)  # as it was found: nothing
+    assert chosen == st.PRESETS["fast"].changed(cost=st.SAD(5), disparities=(0, 9), vertical=0)
     assert chosen.left_right is not None
 
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as some
 import stereopsis as st
 from reference import pixelwise as reference
 from stereopsis import cost, information, optimize, pixelwise, refine, select, validate
-from stereopsis._fused import ENVIRONMENT, instruction_sets
+from stereopsis._fused import instruction_sets
+from stereopsis._instructions import ENVIRONMENT
 from stereopsis.types import Disparities
 
 odd = some.sampled_from([1, 3, 5, 7, 9, 11])

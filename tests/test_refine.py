@@ -198,7 +198,7 @@ def test_planes_stay_as_they_are_and_so_do_their_edges():
 
 def test_planar_takes_noise_off_a_slanted_surface():
     random = np.random.default_rng(1)
-    y, x = np.mgrid[:80, :120].astype(np.float32)
+    y, _ = np.mgrid[:80, :120].astype(np.float32)
     surface = 20 + 0.3 * y
     disparity = (surface + random.normal(0, 0.5, surface.shape)).astype(np.float32)
     off = refine.planar(disparity, (25, 25)) - surface

@@ -10,7 +10,7 @@ from hypothesis import strategies as some
 
 import stereopsis as st
 from reference import sgm as reference
-from stereopsis import SGM, Census, Disparities, Settings, _fused, cost, sgm
+from stereopsis import SGM, Census, Disparities, Settings, _fused, _instructions, cost, sgm
 
 SETS = _fused.instruction_sets()
 WORST = 65535
@@ -57,7 +57,7 @@ def test_winners_out_of_view_by_hand():
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=some.data())
 def test_the_sums_are_those_of_the_formula(monkeypatch, instructions, data):
-    monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+    monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
     rows, columns = data.draw(some.integers(1, 19)), data.draw(some.integers(1, 12))
     count = data.draw(some.sampled_from([1, 2, 3, 31, 32, 33, 64, 65, 127, 128, 129, 200]))
     most, p1 = data.draw(some.sampled_from([0, 5, 62, 140, 400])), data.draw(some.integers(0, 40))
@@ -191,7 +191,7 @@ def both(monkeypatch, left, right, instructions=SETS, threads=(1, 2, 7), **chose
     definition = st.match(left, right, keep=("costs",), **chosen)
     assert definition.path == "composed"
     for name, count in itertools.product(instructions, threads):
-        monkeypatch.setenv(_fused.ENVIRONMENT, name)
+        monkeypatch.setenv(_instructions.ENVIRONMENT, name)
         streaming = st.match(left, right, threads=count, **chosen)
         assert streaming.path == "streaming"
         for what in ("flags", "disparity", "confidence"):
@@ -292,7 +292,7 @@ def cost_strings(image, census):
 @pytest.mark.parametrize("instructions", SETS)
 @pytest.mark.parametrize("aggregation", [1, 3])
 def test_a_sheared_volume(monkeypatch, instructions, aggregation):
-    monkeypatch.setenv(_fused.ENVIRONMENT, instructions)
+    monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
     rng = np.random.default_rng(5)
     left, right = images(5, (21, 45), shift=4)
     census, chosen = Census((5, 5), aggregation=aggregation), SGM(8, 4 * aggregation**2, 20 * aggregation**2)

@@ -5,18 +5,14 @@ It holds no cost volume, and gives the same bits as the composed stages.
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core, _gaussian, pixelwise, sgm
+from stereopsis import _core, _gaussian, _instructions, pixelwise, sgm
 from stereopsis.cost import KINDS, Pixels, fits_narrow, grey
 from stereopsis.types import Disparities
-
-ENVIRONMENT = "STEREOPSIS_INSTRUCTIONS"
-"""Environment variable that forces an instruction set, for tests: one of `instruction_sets`."""
 
 SUBPIXEL = (None, "parabola", "equiangular")
 """In the core's order."""
@@ -29,7 +25,7 @@ def instruction_sets() -> list[str]:
 
 def instruction_set() -> str:
     """The instruction set in use."""
-    return os.environ.get(ENVIRONMENT) or instruction_sets()[0]
+    return _instructions.forced() or instruction_sets()[0]
 
 
 def match(
@@ -71,7 +67,7 @@ def match(
         flags,
         cost,
         threads,
-        os.environ.get(ENVIRONMENT, ""),
+        _instructions.forced(),
     )
     return disparity, confidence, flags
 
@@ -90,7 +86,7 @@ def volume(
     For those costs, pixels and windows alone that `serves_volume` names.
     """
     costs = np.empty((*pair.left.shape[:2], disparities.span), np.float32)
-    instructions = os.environ.get(ENVIRONMENT, "")
+    instructions = _instructions.forced()
     _core.narrow_costs(
         pair.left, pair.right, disparities.min, KINDS.index(kind), *window, costs, threads, instructions
     )
@@ -140,7 +136,7 @@ def match_gaussian(
         confidence,
         flags,
         threads,
-        os.environ.get(ENVIRONMENT, ""),
+        _instructions.forced(),
     )
     return disparity, confidence, flags
 
@@ -225,6 +221,6 @@ def match_sgm(
         flags,
         winning_cost,
         threads,
-        os.environ.get(ENVIRONMENT, ""),
+        _instructions.forced(),
     )
     return disparity, confidence, flags

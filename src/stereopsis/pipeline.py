@@ -407,10 +407,7 @@ def _semi_global(
     ground = None
     if chosen.slant is not None:
         with _timed(timings, "planes"):
-            trusted = np.where(best.flags == 0, best.disparity, np.float32(np.nan))
-            if chosen.speckle is not None:
-                trusted[validate.speckle(trusted, *chosen.speckle)] = np.nan
-            ground = slant.road(trusted, census.size)
+            ground = slant.road(np.where(best.flags == 0, best.disparity, np.float32(np.nan)), census.size)
     if ground is not None:
         with _timed(timings, "match along the ground"):
             views = slant.warped(pixels.left, pixels.right, ground, 0, chosen.threads, floor=seen.min)

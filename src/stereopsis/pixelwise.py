@@ -14,7 +14,6 @@ import dataclasses
 import difflib
 import math
 import numbers
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -23,7 +22,7 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.supports import window_size
 from stereopsis.types import Disparities
 
@@ -37,7 +36,6 @@ BOX_SIDE = 127
 """Largest side of the box that costs are summed over."""
 DEEPEST = 32
 PATTERNS = ("dense", "sparse", "symmetric")
-ENVIRONMENT = "STEREOPSIS_INSTRUCTIONS"
 
 Box: TypeAlias = int | tuple[int, int] | str
 """Full size in pixels, odd, as one number, as width and height, or as ``"WIDTHxHEIGHT"``."""
@@ -508,7 +506,7 @@ def census(
         Bit ``k % 64`` of plane ``k // 64``, from the least significant on, is comparison k.
     """
     strings = np.empty(((len(comparisons) + 63) // 64, *image.shape), np.uint64)
-    _core.census(np.ascontiguousarray(image), comparisons, strings, threads, os.environ.get(ENVIRONMENT, ""))
+    _core.census(np.ascontiguousarray(image), comparisons, strings, threads, _instructions.forced())
     return strings
 
 
@@ -588,7 +586,7 @@ def volume(
             channel > 0,
             costs,
             threads,
-            os.environ.get(ENVIRONMENT, ""),
+            _instructions.forced(),
         )
     return costs
 

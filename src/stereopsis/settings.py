@@ -202,8 +202,8 @@ class Settings:
         Every disparity is replaced by that of its segment's plane: small segments of the left image, whose
         planes go on, fold or hide each other. None: disparities stay as they were matched.
     planar : int or (int, int) or None
-        Draw every disparity to the plane that a window of this size lies on, after the holes are filled and the
-        median. Of semi-global matching those winners are answered that lie near it. None: off.
+        Draw every disparity to the plane that a window of this size lies on, after the holes are filled and
+        the median. Of semi-global matching those winners are answered that lie near it. None: off.
     fill : {"background", "interpolate", "surfaces", "planes"} or None
         How invalid pixels are answered: from the farther neighbour on the row; from eight directions by
         Hirschmueller's rules; by the slanted surfaces around them; from the plane of
@@ -807,15 +807,41 @@ def _parse_toml(text: str, source: str) -> dict[str, Any]:
 
 PRESETS: Mapping[str, Settings] = MappingProxyType(
     {
-        # Wide and flat: on a road, the surface that matters most, disparity changes from row to row.
+        # Flat: on a road, the surface that matters most, disparity changes from row to row.
         "fast": Settings(
             preset="fast",
-            cost=ZNCC(window=(25, 9)),
+            cost=ZNCC(window=(13, 7)),
+            vertical="estimate",
             left_right=1.0,
             uniqueness=2.0,
             texture=0.3,
             median=3,
             speckle=(200, 1.0),
+        ),
+        # Both match once as usual and once along the ground; in units of 8 the sums fit bytes for a while.
+        "balanced": Settings(
+            preset="balanced",
+            cost=Census(window=(9, 7), aggregation=3),
+            vertical="estimate",
+            optimize=SGM(paths=4, p1=120, p2=950, p2_min=216, contrast=20, unit=8),
+            slant="road",
+            left_right=1.0,
+            median=3,
+            speckle=(200, 1.0),
+            planar=(49, 25),
+            fill="background",
+        ),
+        "accurate": Settings(
+            preset="accurate",
+            cost=Census(window=(9, 7), aggregation=3),
+            vertical="estimate",
+            optimize=SGM(paths=8, p1=120, p2=950, p2_min=216, contrast=20, unit=8),
+            slant="road",
+            left_right=1.0,
+            median=3,
+            speckle=(200, 1.0),
+            planar=(49, 25),
+            fill="surfaces",
         ),
         # The report's Algorithm 1: the data of its second pass are squared differences, not the correlation.
         "paper-smoothed": Settings(

@@ -14,19 +14,17 @@ from __future__ import annotations
 
 import math
 import numbers
-import os
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 
 PATHS = (2, 4, 5, 8, 16)
 LARGEST_SUM = 65534
 """Sums are 16-bit; 65535 says that a candidate is out of view."""
-ENVIRONMENT = "STEREOPSIS_INSTRUCTIONS"
 
 
 def _is_number(value: Any) -> bool:
@@ -68,9 +66,9 @@ class SGM:
     Notes
     -----
     A candidate out of view costs what one does by chance, half of the largest cost, so that paths go on
-    through it. Where one has the least sum, the pixel is out of view: what it shows lies beside the right image.
-    The largest cost is what the costs of pixels and the correlations (2, counted from a perfect match) state,
-    and for others the largest in view.
+    through it. Where one has the least sum, the pixel is out of view: what it shows lies beside the right
+    image. The largest cost is what the costs of pixels and the correlations (2, counted from a perfect match)
+    state, and for others the largest in view.
 
     References
     ----------
@@ -248,7 +246,7 @@ def sums(
         guide if settings.contrast is not None else None,
         out,
         threads,
-        os.environ.get(ENVIRONMENT, ""),
+        _instructions.forced(),
     )
     return out
 

@@ -7,13 +7,12 @@ candidate is computed.
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian, Support, window_size
 from stereopsis.types import EVERY, Disparities, Sampling
 
@@ -72,7 +71,7 @@ def volume(
         (*(-(-side // step) for side in sides), -(-disparities.span // disparity_step)), np.float32
     )
     common = left, right, disparities.min, KINDS.index(kind), step, disparity_step
-    rest = costs, threads, os.environ.get("STEREOPSIS_INSTRUCTIONS", "")
+    rest = costs, threads, _instructions.forced()
     match support:
         case Gaussian():
             _core.separable_costs(*common, gaussian_taps(support), *rest)

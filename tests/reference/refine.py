@@ -33,7 +33,7 @@ def median(disparity, size):
 
 
 def planar(disparity, window, tolerance, iterations):
-    """In the order and the float32 that the kernel has: where a pixel is all but on the limit, either is right."""
+    """In the kernel's order and float32: where a pixel is all but on the limit, either is right."""
     one = np.float32
     height, width = disparity.shape
     samples = []

@@ -1,0 +1,129 @@
+"""Semi-global matching in the pipeline: along the ground, judged by planes; the presets made of it."""
+
+import numpy as np
+import pytest
+
+import stereopsis as st
+from stereopsis import SGM, Census, Flag, slant
+
+CENSUS = Census((9, 7), aggregation=3)
+SMOOTH = SGM(p1=120, p2=950, p2_min=216, contrast=20, unit=8)
+
+
+@pytest.fixture(scope="module")
+def street():
+    return st.scenes.street(320, 160, noise=2)
+
+
+def matched(scene, **chosen):
+    given = {"disparities": (0, 64), "cost": CENSUS, "optimize": SMOOTH, "left_right": 1.0, **chosen}
+    return st.match(scene.left, scene.right, **given)
+
+
+def same(one, other):
+    return all(
+        getattr(one, what).tobytes() == getattr(other, what).tobytes()
+        for what in ("disparity", "confidence", "flags")
+    )
+
+
+def off(result, scene):
+    known = np.isfinite(scene.disparity)
+    return np.abs(result.disparity - scene.disparity)[known]
+
+
+def test_along_the_ground_the_road_is_answered_better(street):
+    plain = matched(street, fill="background")
+    along = matched(street, fill="background", slant="road", keep=("planes",))
+    assert plain.path == "streaming"
+    assert along.path == "merged"
+    assert along.stages["planes"].shape == (1, 3)
+    assert (along.stages["plane"] == 1).mean() > 0.2
+    assert (off(along, street) > 1).mean() < 0.9 * (off(plain, street) > 1).mean()
+
+
+def test_without_a_road_nothing_changes():
+    scene = st.scenes.plane(160, 80, disparity=9.25)
+    assert same(matched(scene, slant="road"), matched(scene))
+
+
+def test_the_planar_filter_judges_again(street):
+    raw = matched(street, slant="road")
+    refused = matched(street, slant="road", planar=(25, 13))
+    filled = matched(street, slant="road", planar=(25, 13), fill="background")
+    answered = np.isfinite(refused.disparity)
+    assert ((refused.flags == 0) == answered).all()
+    # Some that a check had refused come back, with their confidence; some that passed are refused.
+    back = answered & np.isnan(raw.disparity)
+    assert back.any()
+    assert (refused.confidence[back] > 0).any()
+    assert (~answered & np.isfinite(raw.disparity)).any()
+    assert (refused.confidence[~answered] == 0).all()
+    assert np.isfinite(filled.disparity).all()
+    np.testing.assert_array_equal(filled.disparity[answered], refused.disparity[answered])
+    assert ((filled.flags & Flag.FILLED != 0) == ~answered).all()
+    assert (off(filled, street) > 1).mean() < (
+        off(matched(street, slant="road", fill="background"), street) > 1
+    ).mean()
+
+
+def test_composed_and_streaming_winners_are_judged_alike():
+    scene = st.scenes.street(160, 80, noise=2)
+    chosen = {"disparities": (0, 32), "planar": (25, 13), "speckle": (50, 1.0), "fill": "background"}
+    one = matched(scene, **chosen)
+    other = matched(scene, keep=("costs",), **chosen)
+    assert (one.path, other.path) == ("streaming", "composed")
+    assert same(one, other)
+
+
+def test_what_lies_beside_the_right_image_is_out_of_view():
+    # A wall at disparity 12 fills both images: the left one's first 12 columns are not in the right one.
+    scene = st.scenes.plane(120, 60, disparity=12)
+    result = matched(scene, disparities=(0, 32), subpixel=None)
+    np.testing.assert_array_equal(result.flags[10:-10, :11], Flag.OUT_OF_VIEW)
+    assert (result.disparity[10:-10, 14:] == 12).mean() > 0.99
+
+
+@pytest.mark.parametrize("threads", [2, 7])
+@pytest.mark.parametrize("preset", ["balanced", "accurate"])
+def test_presets_answer_every_pixel_and_not_by_the_threads(preset, threads, street):
+    one = st.match(street.left, street.right, disparities=(0, 64), preset=preset, threads=1)
+    other = st.match(street.left, street.right, disparities=(0, 64), preset=preset, threads=threads)
+    assert same(one, other)
+    assert np.isfinite(one.disparity).all()
+    assert (off(one, street) > 3).mean() < 0.06
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 70), (70, 1), (9, 9)])
+@pytest.mark.parametrize("preset", ["fast", "balanced", "accurate"])
+def test_presets_on_degenerate_images(preset, shape):
+    y, x = np.indices(shape)
+    for values in (np.zeros(shape), x % 2 * 255, (x + y) * 3):
+        image = values.astype(np.uint8)
+        result = st.match(image, image, disparities=(0, 16), preset=preset)
+        assert result.disparity.shape == shape
+        assert (np.isfinite(result.disparity) | (result.flags != 0)).all()
+
+
+def test_a_floor_lets_the_ground_go_on_level():
+    right = np.arange(40, dtype=np.uint8).reshape(1, 40, 1).repeat(6, axis=0)
+    plane = slant.Plane(0.0, 1.0, -3.0)  # disparities -3, -2, ..., 2 by rows
+    _, moved = slant.warped(right, right, plane, 0, floor=0.0)
+    for row, disparity in enumerate((0, 0, 0, 0, 1, 2)):
+        np.testing.assert_array_equal(moved[row, 5:, 0], np.arange(5, 40) - disparity)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"slant": "planes"}, "slant must be 'road' or None"),
+        ({"slant": "road", "extra_windows": (9,)}, "extra_windows empty"),
+        ({"slant": "road", "cost": st.ZNCC(9)}, "slant goes with cost=Census"),
+        ({"slant": "road", "channels": "separate"}, "channels grey"),
+        ({"slant": "road", "keep": ("right_disparity",)}, "right_disparity"),
+        ({"planar": 0}, "planar|window|side"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        st.Settings(**{"cost": CENSUS, "optimize": SMOOTH, **given})

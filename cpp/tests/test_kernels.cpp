@@ -17,6 +17,7 @@
 #include "../dispatch.hpp"
 #include "../parallel.hpp"
 #include "../pixelwise.hpp"
+#include "../planar.hpp"
 #include "../planes.hpp"
 #include "../sgm.hpp"
 #include "../stages.hpp"
@@ -1708,6 +1709,26 @@ void test_census_matching() {
         CHECK(std::memcmp(wanted.data(), disparity.data(), wanted.size() * sizeof(float)) == 0, std::string(kernel->name) + " " + text(n));
       }
   }
+}
+
+// ---- planar filter -----------------------------------------------------------------------------------------------------
+
+void test_planar() {
+  Random random{97};
+  for (int n = 0; n < 60; ++n) {
+    const int H = random.between(1, 30), W = random.between(1, 50);
+    const Window window{random.between(1, 60), random.between(1, 40)};
+    std::vector<float> map(static_cast<size_t>(H) * W), wanted, whole(map.size());
+    for (float& v : map) v = random.below(8) ? 0.125f * random.below(40) : std::numeric_limits<float>::quiet_NaN();
+    for (const FusedKernel* kernel : available_kernels())
+      for (const int threads : {1, 3}) {
+        planar(map.data(), H, W, window, 1.5f, 3, whole.data(), choose_planar(kernel->name), {threads, [] { return false; }});
+        if (wanted.empty()) wanted = whole;
+        bool same = true;
+        for (size_t k = 0; k < map.size(); ++k)
+          same = same && (std::isnan(map[k]) ? std::isnan(whole[k]) : whole[k] == wanted[k]);
+        CHECK(same, std::string(kernel->name) + " " + text(H) + "x" + text(W));
+      }
   }
 }
 
@@ -1797,6 +1818,7 @@ int main() {
   timed("second pass, float costs", test_second_pass<float>);
   timed("solvers are interrupted", test_solvers_are_interrupted);
   timed("path sums", test_path_sums);
+  timed("planar filter", test_planar);
   timed("semi-global matching of a census", test_census_matching);
   timed("texture", test_texture);
   timed("speckle", test_speckle);

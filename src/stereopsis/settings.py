@@ -858,6 +858,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
         "local": Settings(
             preset="local",
             cost=ZNCC(window=15),
+            vertical="estimate",
             slant="planes",
             extra_windows=((31, 31),),
             left_right=1.0,

@@ -46,7 +46,11 @@ def broken(folder, tmp_path):
 
 
 def constant(value):
-    return Method(f"always {value}", lambda pair, _, __: np.full(pair.left.shape[:2], value, np.float32))
+    def match(pair, _, __):
+        disparity = np.full(pair.left.shape[:2], value, np.float32)
+        return disparity, disparity
+
+    return Method(f"always {value}", match)
 
 
 # ---- accuracy ------------------------------------------------------------------------------------
@@ -97,6 +101,17 @@ def test_the_table(folder):
     )
     assert lines[2].startswith("| always 6.0 | 50.00% | 50.0% | 50.0% | 50.00% | 1.75 | 1.000 | 50.00% |")
     assert len({line.count("|") for line in lines}) == 1
+
+
+def test_what_a_preset_filled_is_not_its_own():
+    scene = st.scenes.street(200, 100, noise=2)
+    (method,) = methods.presets(["balanced"])
+    disparity, own = method.match(st.Pair(scene.left, scene.right), Disparities(0, 32), 1)
+    assert np.isfinite(disparity).all()
+    assert 0.5 < np.isfinite(own).mean() < 1
+    row = accuracy.score(disparity, scene.disparity, own=own)
+    assert row.own.density < 1
+    assert row.whole.density == 1
 
 
 def test_what_fails_is_told_and_the_rest_goes_on(broken):

@@ -172,6 +172,7 @@ def match_sgm(
     threads: int,
     shift: npt.NDArray[np.int16] | None = None,
     winning_cost: npt.NDArray[np.float32] | None = None,
+    left_strings: npt.NDArray[np.uint64] | None = None,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Disparity, confidence and flags, (H, W) each, of semi-global matching with census costs.
 
@@ -193,11 +194,16 @@ def match_sgm(
         paths compare neighbours of equal i.
     winning_cost : ndarray of float32, (H, W), optional
         Receives the winner's sum, in units; infinity where no candidate is in view.
+    left_strings : ndarray of uint64, (P, H, W), optional
+        The left image's census, where it is known.
     """
     shape: tuple[int, ...] = pair.left.shape[:2]
     disparity, confidence = np.empty(shape, np.float32), np.empty(shape, np.float32)
     flags = np.empty(shape, np.uint8)
-    left, right = (pixelwise.census(image[..., 0], cost.comparisons, threads) for image in pair[:2])
+    left = left_strings
+    if left is None:
+        left = pixelwise.census(pair.left[..., 0], cost.comparisons, threads)
+    right = pixelwise.census(pair.right[..., 0], cost.comparisons, threads)
     unit = settings.unit_for(cost.largest(), whole=True)
     _core.sgm_census(
         left,

@@ -25,12 +25,9 @@ FEATURES = (
 )
 """What the model looks at, in the order of its weights."""
 
-# python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY --set cost=census --set window=9x7
-#   --set aggregation=3 --set optimize=sgm --set optimize_p1=90 --set optimize_p2=720
-#   --set optimize_p2_min=270 --set optimize_contrast=20 --set left_right=1 --set median=3
-#   --set speckle=200,1 --set fill=surfaces --set weighted_median=9,20
-ANSWERED = (2.926, 0.022, 1.289, 2.533, -1.336, -0.608, -7.388, -0.491, -1.469, 2.933, -1.121)
-FILLED = (0.000, 0.000, 0.008, 3.189, -0.833, 1.467, -8.416, 0.081, -2.128, 4.962, -1.882)
+# python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY --preset accurate
+ANSWERED = (3.917, -0.922, 0.152, 1.931, -1.648, 0.347, -10.767, -0.660, -1.223, 1.524, 1.542)
+FILLED = (0.000, 0.000, 1.794, -0.676, -1.437, 4.270, -14.014, 0.047, -1.856, 1.330, 1.522)
 """Weights for pixels that were matched, and for those that were filled."""
 
 

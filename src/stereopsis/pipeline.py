@@ -392,10 +392,14 @@ def _semi_global(
     census = cast(pixelwise.Census, chosen.cost)
     checks = _fit(chosen.subpixel), chosen.left_right, chosen.uniqueness, chosen.threads
     best = slant.Hypothesis.nothing((pixels.left.shape[0], width))
+    with _timed(timings, "cost"):
+        strings = pixelwise.census(pixels.left[..., 0], census.comparisons, chosen.threads)
 
     def along(plane: slant.Plane, view: cost.Pixels, candidates: Disparities, number: int) -> None:
         costs = np.empty(view.left.shape[:2], np.float32)
-        winners = _fused.match_sgm(census, view, candidates, solver, *checks, winning_cost=costs)
+        winners = _fused.match_sgm(
+            census, view, candidates, solver, *checks, winning_cost=costs, left_strings=strings
+        )
         # A sum of path costs counts as it is, as a squared difference does.
         kind, floor = cost.KINDS.index("ssd"), -math.inf if plane == slant.LEVEL else seen.min
         slant.merge_pass(

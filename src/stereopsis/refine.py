@@ -287,7 +287,7 @@ def median(disparity: DisparityMap, size: int, threads: int = 0) -> DisparityMap
 
 PLANAR_TOLERANCE = 1.5
 """How far off a plane a pixel may lie to count as on it, in pixels of disparity."""
-PLANAR_ITERATIONS = 3
+PLANAR_ITERATIONS = 2
 
 
 def planar(

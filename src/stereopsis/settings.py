@@ -818,7 +818,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             median=3,
             speckle=(200, 1.0),
         ),
-        # Both match once as usual and once along the ground; in units of 8 the sums fit bytes for a while.
+        # Both match once as usual and once along the ground; in units of 8 costs and penalties fit bytes.
         "balanced": Settings(
             preset="balanced",
             cost=Census(window=(9, 7), aggregation=3),
@@ -835,13 +835,14 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             preset="accurate",
             cost=Census(window=(9, 7), aggregation=3),
             vertical="estimate",
-            optimize=SGM(paths=8, p1=120, p2=950, p2_min=216, contrast=20, unit=8),
+            optimize=SGM(paths=4, p1=120, p2=950, p2_min=216, contrast=20, unit=8),
             slant="road",
             left_right=1.0,
             median=3,
             speckle=(200, 1.0),
             planar=(49, 25),
             fill="surfaces",
+            confidence="calibrated",
         ),
         # The report's Algorithm 1: the data of its second pass are squared differences, not the correlation.
         "paper-smoothed": Settings(

@@ -136,12 +136,12 @@ def measure(
         for method in methods:
             try:
                 start = time.perf_counter()
-                disparity = method.match(pair, candidates, threads)
+                disparity, own = method.match(pair, candidates, threads)
                 seconds = time.perf_counter() - start
             except (ValueError, TypeError, MemoryError) as error:
                 report.failures.append(Failure(dataset.name, sample.name, method.name, str(error)))
             else:
-                row = score(disparity, truth, mask)
+                row = score(disparity, truth, mask, own)
                 named = replace(
                     row, dataset=dataset.name, pair=sample.name, method=method.name, seconds=seconds
                 )
@@ -170,14 +170,19 @@ def _candidates(pair: Pair, disparities: Range) -> Disparities:
     return Disparities(0, pair.calibration.ndisp)
 
 
-def score(disparity: DisparityMap, truth: DisparityMap, mask: npt.NDArray[np.bool_] | None = None) -> Row:
-    """Score a map twice: as it was answered, and with every pixel answered."""
+def score(
+    disparity: DisparityMap,
+    truth: DisparityMap,
+    mask: npt.NDArray[np.bool_] | None = None,
+    own: DisparityMap | None = None,
+) -> Row:
+    """Score a map twice: with every pixel answered, and what the method stands for, by default all of it."""
     whole = answered(disparity)
     counted = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
     errors = np.abs(whole[counted].astype(np.float64) - truth[counted])
     within = float(np.mean(errors < 0.75)) if errors.size else math.nan
-    own, full = evaluate(disparity, truth, mask), evaluate(whole, truth, mask)
-    return Row("", "", "", own, full, within, math.nan)
+    stood_for = evaluate(disparity if own is None else own, truth, mask)
+    return Row("", "", "", stood_for, evaluate(whole, truth, mask), within, math.nan)
 
 
 def answered(disparity: DisparityMap) -> DisparityMap:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from stereopsis import pipeline
 from stereopsis.bench import opencv
 from stereopsis.settings import PRESETS, Settings
-from stereopsis.types import Disparities, DisparityMap, Pair
+from stereopsis.types import Disparities, DisparityMap, Flag, Pair
 
 PLAIN = "none"
 """The name of settings that start from no preset."""
@@ -22,13 +24,14 @@ class Method:
     ----------
     name : str
     match : callable
-        From a pair, its range and a number of threads to a disparity map.
+        From a pair, its range and a number of threads to a disparity map, and to what of it the method stands
+        for: without what it has filled.
     settings : Settings or None
         This library's; None: another one's.
     """
 
     name: str
-    match: Callable[[Pair, Disparities, int], DisparityMap]
+    match: Callable[[Pair, Disparities, int], tuple[DisparityMap, DisparityMap]]
     settings: Settings | None = None
 
 
@@ -57,10 +60,10 @@ def presets(names: Sequence[str] = (), assignments: Sequence[str] = ()) -> list[
 
 
 def _ours(name: str, settings: Settings) -> Method:
-    def match(pair: Pair, disparities: Disparities, threads: int) -> DisparityMap:
-        return pipeline.match(
-            pair, settings=replace(settings, disparities=disparities, threads=threads)
-        ).disparity
+    def match(pair: Pair, disparities: Disparities, threads: int) -> tuple[DisparityMap, DisparityMap]:
+        result = pipeline.match(pair, settings=replace(settings, disparities=disparities, threads=threads))
+        filled = result.flags & np.uint8(Flag.FILLED) != 0
+        return result.disparity, np.where(filled, np.float32(np.nan), result.disparity)
 
     return Method(name, match, settings)
 
@@ -70,9 +73,10 @@ def peers() -> list[Method]:
     opencv.require()
 
     def method(peer: opencv.Peer) -> Method:
-        def match(pair: Pair, disparities: Disparities, threads: int) -> DisparityMap:
+        def match(pair: Pair, disparities: Disparities, threads: int) -> tuple[DisparityMap, DisparityMap]:
             with opencv.threads(threads):
-                return opencv.match(pair, peer, disparities)
+                disparity = opencv.match(pair, peer, disparities)
+            return disparity, disparity
 
         return Method(peer.name, match)
 

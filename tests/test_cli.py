@@ -183,6 +183,7 @@ class TestMatch:
         "weighted_median": ("5,12", [5, 12.0]),
         "edge_aware": ("3", [3.0, 5.0]),
         "confidence": ("calibrated", "calibrated"),
+        "least_confidence": ("0.5", 0.5),
         "threads": ("2", 2),
         "keep": ("texture", ["texture"]),
         "preset": ("fast", "fast"),

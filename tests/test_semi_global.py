@@ -72,6 +72,18 @@ def test_composed_and_streaming_winners_are_judged_alike():
     assert same(one, other)
 
 
+def test_doubtful_answers_are_refused(street):
+    chosen = {"slant": "road", "planar": (25, 13), "confidence": "calibrated"}
+    every, sure = matched(street, **chosen), matched(street, **chosen, least_confidence=0.9)
+    doubted = (every.flags == 0) & (every.confidence < 0.9)
+    assert doubted.any()
+    np.testing.assert_array_equal(np.isnan(sure.disparity), np.isnan(every.disparity) | doubted)
+    assert (sure.flags[doubted] == Flag.MISMATCHED).all()
+    filled = matched(street, **chosen, least_confidence=0.9, fill="background")
+    assert np.isfinite(filled.disparity).all()
+    assert (filled.flags & Flag.FILLED != 0)[filled.confidence < 0.9].all()
+
+
 def test_what_lies_beside_the_right_image_is_out_of_view():
     # A wall at disparity 12 fills both images: the left one's first 12 columns are not in the right one.
     scene = st.scenes.plane(120, 60, disparity=12)
@@ -118,6 +130,7 @@ def test_a_floor_lets_the_ground_go_on_level():
         ({"slant": "road", "channels": "separate"}, "channels grey"),
         ({"slant": "road", "keep": ("right_disparity",)}, "right_disparity"),
         ({"planar": 0}, "planar|window|side"),
+        ({"least_confidence": 2}, "a number from 0 to 1"),
     ],
 )
 def test_what_does_not_go_together_is_refused(given, message):

@@ -50,7 +50,7 @@ FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kana
 """Sub-pixel methods that need the images, not the costs."""
 
 
-AGREEMENT = 2.0
+AGREEMENT = 3.0
 """How near the plane of its surroundings a winner has to lie to agree with them, in pixels."""
 REVOCABLE = np.uint8(Flag.OCCLUDED | Flag.MISMATCHED | Flag.AMBIGUOUS | Flag.SPECKLE)
 """What is said of winners that their surroundings may speak for."""
@@ -93,6 +93,7 @@ def match(
     weighted_median: tuple[int, float] | int | None = UNSET,
     edge_aware: tuple[float, float] | float | None = UNSET,
     confidence: str | None = UNSET,
+    least_confidence: float | None = UNSET,
     pyramid: int | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
@@ -120,7 +121,7 @@ def match(
         As in `Settings`.
     left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
         As in `Settings`.
-    weighted_median, edge_aware, confidence, pyramid, step, disparity_step, threads, keep
+    weighted_median, edge_aware, confidence, least_confidence, pyramid, step, disparity_step, threads, keep
         As in `Settings`.
 
     Returns
@@ -177,6 +178,7 @@ def match(
             ("weighted_median", weighted_median),
             ("edge_aware", edge_aware),
             ("confidence", confidence),
+            ("least_confidence", least_confidence),
             ("pyramid", pyramid),
             ("step", step),
             ("disparity_step", disparity_step),
@@ -326,6 +328,9 @@ def _match(
     if chosen.confidence is not None:
         with _timed(timings, "confidence"):
             confidence = _calibrated(disparity, ~holes, confidence, chosen.threads)
+    if chosen.least_confidence is not None:
+        doubtful = ~holes & (confidence < chosen.least_confidence)
+        _doubt(doubtful, chosen.fill, disparity, confidence, flags)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
@@ -349,6 +354,20 @@ def _filled(
             return fill.surfaces(disparity, flags, pixels.left, pixels.step, threads)
         case _:
             return fill.background(disparity)
+
+
+def _doubt(
+    doubtful: npt.NDArray[np.bool_],
+    fill: str | None,
+    disparity: DisparityMap,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+) -> None:
+    """Refuse what is doubtful; where holes are filled the answer stays, as one that was filled."""
+    if fill is None:
+        _refuse(doubtful, Flag.MISMATCHED, disparity, confidence, flags)
+    else:
+        flags[doubtful] |= np.uint8(Flag.MISMATCHED | Flag.FILLED)
 
 
 def _calibrated(
@@ -498,7 +517,7 @@ def _match_tiles(
         **dict.fromkeys(
             ("pyramid", "vertical", "texture", "reflection", "median", "speckle", "planar", "fill")
         ),
-        **dict.fromkeys(("weighted_median", "edge_aware", "confidence")),
+        **dict.fromkeys(("weighted_median", "edge_aware", "confidence", "least_confidence")),
         sky=False,
         keep=(),
         subpixel=_fit(chosen.subpixel),

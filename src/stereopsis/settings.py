@@ -217,6 +217,8 @@ class Settings:
     confidence : {"calibrated"} or None
         What the result's confidence is: the probability that an answer is within 3 pixels of the truth, from
         the map around it, for filled pixels too. None: how sharp the winner's minimum is.
+    least_confidence : float or None
+        Answers of less confidence are refused; where holes are filled they stay as filled ones. None: off.
     pyramid : int or None
         Coarse to fine: a map of images that were halved so often tells which disparities each tile of the
         image has to search. None: everything everywhere.
@@ -262,6 +264,7 @@ class Settings:
     weighted_median: tuple[int, float] | None = None
     edge_aware: tuple[float, float] | None = None
     confidence: Literal["calibrated"] | None = None
+    least_confidence: float | None = None
     pyramid: int | None = None
     step: int = 1
     disparity_step: int = 1
@@ -585,6 +588,10 @@ def _checked(name: str, value: Any) -> Any:
             ):
                 raise refuse("(strength from 0 to 100000, grey levels of at least 0.1), or None")
             return float(strength), float(levels)
+        case "least_confidence":
+            if value is not None and not (_is_number(value) and 0 <= value <= 1):
+                raise refuse("a number from 0 to 1, or None")
+            return None if value is None else float(value)
         case "confidence":
             if value is not None and value not in CONFIDENCES:
                 raise refuse(f"one of {', '.join(CONFIDENCES)}, or None")
@@ -843,6 +850,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             planar=(49, 25),
             fill="surfaces",
             confidence="calibrated",
+            least_confidence=0.85,
         ),
         # The report's Algorithm 1: the data of its second pass are squared differences, not the correlation.
         "paper-smoothed": Settings(

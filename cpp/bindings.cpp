@@ -422,10 +422,10 @@ SgmSettings sgm_settings(int paths, int most, int p1, const Array<const int32_t,
 }
 
 template <bool MoreGlobal>
-void sgm_volume(const Array<const uint16_t, 3>& costs, int first, int paths, int most, int p1, const Array<const int32_t, 1>& p2,
+void sgm_volume(const Array<const uint16_t, 3>& costs, int paths, int most, int p1, const Array<const int32_t, 1>& p2,
                 const std::optional<Array<const uint8_t, 2>>& guide, const Array<uint16_t, 3>& sums, int threads,
                 const std::string& instructions) {
-  const Pair pair{nullptr, nullptr, static_cast<int>(costs.shape(0)), static_cast<int>(costs.shape(1)), 1, first,
+  const Pair pair{nullptr, nullptr, static_cast<int>(costs.shape(0)), static_cast<int>(costs.shape(1)), 1, 0,
                   static_cast<int>(costs.shape(2))};
   require(costs.size() > 0 && pair.count < 65536, "nothing to match");
   require_shape(sums, pair.height, pair.width, pair.count);

@@ -3,6 +3,8 @@
 #include <stdexcept>
 
 #include "pixelwise.hpp"
+#include "planar.hpp"
+#include "sgm.hpp"
 
 #if defined(STEREOPSIS_X86) && defined(_MSC_VER)
 #include <immintrin.h>
@@ -14,28 +16,37 @@ namespace stereopsis {
 namespace generic {
 extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
-}
+extern const PlanarKernel planar;
+extern const SgmKernels sgm;
+}  // namespace generic
 
 #if defined(STEREOPSIS_X86)
 namespace avx2 {
 extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
-}
+extern const PlanarKernel planar;
+extern const SgmKernels sgm;
+}  // namespace avx2
 namespace avx512 {
 extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
-}
+extern const PlanarKernel planar;
+extern const SgmKernels sgm;
+}  // namespace avx512
 namespace avx512vnni {
 extern const FusedKernel kernel;
 }
 namespace avx512popcnt {
 extern const PixelwiseKernels pixelwise;
 }
+namespace avx512bitalg {
+extern const SgmKernels sgm;
+}
 
 namespace {
 
 struct Features {
-  bool avx2, avx512, vnni, popcnt;
+  bool avx2, avx512, vnni, popcnt, bitalg;
 };
 
 #if defined(_MSC_VER)
@@ -50,7 +61,8 @@ Features features() {
   __cpuidex(r, 7, 0);
   const bool ymm = (kept & 0x6) == 0x6, zmm = (kept & 0xE6) == 0xE6;
   const bool avx512 = (r[1] >> 16 & 1) && (r[1] >> 17 & 1) && (r[1] >> 30 & 1) && (r[1] >> 31 & 1);
-  return {ymm && fma && (r[1] >> 5 & 1), zmm && avx512, zmm && avx512 && (r[2] >> 11 & 1), zmm && avx512 && (r[2] >> 14 & 1)};
+  return {ymm && fma && (r[1] >> 5 & 1), zmm && avx512, zmm && avx512 && (r[2] >> 11 & 1), zmm && avx512 && (r[2] >> 14 & 1),
+          zmm && avx512 && (r[2] >> 12 & 1)};
 }
 #else
 Features features() {
@@ -58,7 +70,7 @@ Features features() {
   const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
                       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
   return {__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"), avx512, avx512 && __builtin_cpu_supports("avx512vnni"),
-          avx512 && __builtin_cpu_supports("avx512vpopcntdq")};
+          avx512 && __builtin_cpu_supports("avx512vpopcntdq"), avx512 && __builtin_cpu_supports("avx512bitalg")};
 }
 #endif
 
@@ -88,15 +100,40 @@ const FusedKernel& choose_kernel(const std::string& name) {
   throw std::invalid_argument("instruction set must be one of " + allowed + " on this machine, not '" + name + "'");
 }
 
-const PixelwiseKernels& choose_pixelwise(const std::string& name) {
+namespace {
+
+// Of four builds the one that goes with the named set. Counting bits takes instructions of their own, which not every
+// processor with the newest set has.
+template <class Kernels>
+const Kernels& build_for(const std::string& name, const Kernels& plain, const Kernels* avx2, const Kernels* avx512,
+                         const Kernels* counting) {
   const std::string chosen = choose_kernel(name).name;
-#if defined(STEREOPSIS_X86)
-  // Counting bits is an instruction of its own, that not every machine with the newest set has.
-  if (chosen == "avx512vnni") return features().popcnt ? avx512popcnt::pixelwise : avx512::pixelwise;
-  if (chosen == "avx512") return avx512::pixelwise;
-  if (chosen == "avx2") return avx2::pixelwise;
-#endif
-  return generic::pixelwise;
+  if (chosen == "avx512vnni" && counting) return *counting;
+  if (chosen == "avx512vnni" || chosen == "avx512") return *avx512;
+  return chosen == "avx2" ? *avx2 : plain;
 }
+
+}  // namespace
+
+#if defined(STEREOPSIS_X86)
+const PixelwiseKernels& choose_pixelwise(const std::string& name) {
+  return build_for(name, generic::pixelwise, &avx2::pixelwise, &avx512::pixelwise,
+                   features().popcnt ? &avx512popcnt::pixelwise : nullptr);
+}
+const SgmKernels& choose_sgm(const std::string& name) {
+  return build_for(name, generic::sgm, &avx2::sgm, &avx512::sgm, features().bitalg ? &avx512bitalg::sgm : nullptr);
+}
+const PlanarKernel& choose_planar(const std::string& name) {
+  return build_for<PlanarKernel>(name, generic::planar, &avx2::planar, &avx512::planar, nullptr);
+}
+#else
+const PixelwiseKernels& choose_pixelwise(const std::string& name) {
+  return build_for<PixelwiseKernels>(name, generic::pixelwise, nullptr, nullptr, nullptr);
+}
+const SgmKernels& choose_sgm(const std::string& name) { return build_for<SgmKernels>(name, generic::sgm, nullptr, nullptr, nullptr); }
+const PlanarKernel& choose_planar(const std::string& name) {
+  return build_for<PlanarKernel>(name, generic::planar, nullptr, nullptr, nullptr);
+}
+#endif
 
 }  // namespace stereopsis

@@ -4,32 +4,10 @@
 #include <limits>
 #include <vector>
 
-#include "dispatch.hpp"
 #include "parallel.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
-
-namespace generic {
-extern const PlanarKernel planar;
-}
-#if defined(STEREOPSIS_X86)
-namespace avx2 {
-extern const PlanarKernel planar;
-}
-namespace avx512 {
-extern const PlanarKernel planar;
-}
-#endif
-
-const PlanarKernel& choose_planar(const std::string& name) {
-  const std::string chosen = choose_kernel(name).name;
-#if defined(STEREOPSIS_X86)
-  if (chosen == "avx512vnni" || chosen == "avx512") return avx512::planar;
-  if (chosen == "avx2") return avx2::planar;
-#endif
-  return generic::planar;
-}
 
 namespace {
 

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "dispatch.hpp"
+#include "least.hpp"
 #include "parallel.hpp"
 #include "scratch.hpp"
 #include "stages.hpp"
@@ -15,49 +15,8 @@
 #if defined(__linux__)
 #include <sys/mman.h>
 #endif
-#if defined(STEREOPSIS_X86) && defined(_MSC_VER)
-#include <intrin.h>
-#endif
 
 namespace stereopsis {
-
-namespace generic {
-extern const SgmKernels sgm;
-}
-#if defined(STEREOPSIS_X86)
-namespace avx2 {
-extern const SgmKernels sgm;
-}
-namespace avx512 {
-extern const SgmKernels sgm;
-}
-namespace avx512vnni {
-extern const SgmKernels sgm;
-}
-
-namespace {
-bool counts_bits_of_bytes() {
-#if defined(_MSC_VER)
-  int r[4];
-  __cpuidex(r, 7, 0);
-  return r[2] >> 12 & 1;
-#else
-  __builtin_cpu_init();
-  return __builtin_cpu_supports("avx512bitalg");
-#endif
-}
-}  // namespace
-#endif
-
-const SgmKernels& choose_sgm(const std::string& name) {
-  const std::string chosen = choose_kernel(name).name;
-#if defined(STEREOPSIS_X86)
-  if (chosen == "avx512vnni" && counts_bits_of_bytes()) return avx512vnni::sgm;
-  if (chosen == "avx512vnni" || chosen == "avx512") return avx512::sgm;
-  if (chosen == "avx2") return avx2::sgm;
-#endif
-  return generic::sgm;
-}
 
 namespace {
 
@@ -409,12 +368,6 @@ struct Beyond {
   int index;
   uint16_t sum;
 };
-
-uint16_t least(const uint16_t* sums, int lo, int hi) {
-  uint16_t best = 65535;
-  for (int i = lo; i < hi; ++i) best = sums[i] < best ? sums[i] : best;
-  return best;
-}
 
 // Sums out of view become 65535. The least of all, should it be one of these.
 Beyond hide(uint16_t* sums, int lo, int hi, int count) {

@@ -125,7 +125,7 @@ constexpr int kMostAggregatedBits = 85;
 // What a candidate out of view costs: unrelated strings differ in half of their bits, unrelated windows do not correlate.
 constexpr int cost_by_chance(int most) { return (most + 1) / 2; }
 
-// Sums of a volume of costs in units, (H, W, D); a candidate is a pair's, by its first and count.
+// Sums of a volume of costs in units, (H, W, D).
 struct Workers;
 void sgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settings, uint16_t* sums, const SgmKernels& kernels,
               const Workers& workers);

@@ -14,6 +14,8 @@
 #define STEREOPSIS_ISA_generic 1
 #define STEREOPSIS_ISA_avx2 2
 #define STEREOPSIS_ISA_avx512 3
+#define STEREOPSIS_ISA_avx512bitalg 3
+#define STEREOPSIS_ISA_avx512popcnt 3
 #define STEREOPSIS_ISA_avx512vnni 4
 #define STEREOPSIS_CONCAT_(a, b) a##b
 #define STEREOPSIS_CONCAT(a, b) STEREOPSIS_CONCAT_(a, b)

@@ -126,7 +126,9 @@ def test_a_floor_lets_the_ground_go_on_level():
     [
         ({"slant": "planes"}, "slant must be 'road' or None"),
         ({"slant": "road", "extra_windows": (9,)}, "extra_windows empty"),
-        ({"slant": "road", "cost": st.ZNCC(9)}, "slant goes with cost=Census"),
+        ({"slant": "road", "cost": st.ZNCC(9)}, "slant goes with what streams alone"),
+        ({"slant": "road", "cost": Census(11, aggregation=3)}, "3 with up to"),
+        ({"slant": "road", "optimize": SGM(unit=0.5)}, "a unit of at least 1"),
         ({"slant": "road", "channels": "separate"}, "channels grey"),
         ({"slant": "road", "keep": ("right_disparity",)}, "right_disparity"),
         ({"planar": 0}, "planar|window|side"),

@@ -36,7 +36,7 @@ def test_a_path_by_hand():
     # (6, 6, 0) tells (2, 1, 0), and (1, 4, 2) + (2, 1, 0) = (3, 5, 2), less 2, tells (1, 1, 0).
     forth, back = [[3, 0, 5], [2, 4, 3], [6, 7, 1]], [[4, 1, 5], [3, 5, 2], [6, 6, 0]]
     given = SGM(paths=2, p1=1, p2=2)
-    found = sgm.sums(costs, -10, given, 1.0, 6)
+    found = sgm.sums(costs, given, 1.0, 6)
     np.testing.assert_array_equal(found[0], np.add(forth, back))
     np.testing.assert_array_equal(reference.sums(costs, 2, 1, [2] * 256)[0], np.add(forth, back))
 
@@ -63,14 +63,13 @@ def test_the_sums_are_those_of_the_formula(monkeypatch, instructions, data):
     most, p1 = data.draw(some.sampled_from([0, 5, 62, 140, 400])), data.draw(some.integers(0, 40))
     p2 = p1 + data.draw(some.sampled_from([0, 1, 80, 160, 900]))
     paths = data.draw(some.sampled_from([2, 4, 5, 8, 16]))
-    first = data.draw(some.integers(-count, columns))
     contrast = data.draw(some.sampled_from([None, 0.5, 8, 100]))
     rng = np.random.default_rng(data.draw(some.integers(0, 2**32)))
     costs = rng.integers(0, most + 1, (rows, columns, count)).astype(np.uint16)
     guide = rng.integers(0, 256, (rows, columns)).astype(np.uint8)
     chosen = SGM(paths, p1, p2, contrast=contrast)
     threads = data.draw(some.sampled_from([1, 2, 7]))
-    found = sgm.sums(costs, first, chosen, 1.0, most, guide, threads)
+    found = sgm.sums(costs, chosen, 1.0, most, guide, threads)
     second = [p2] * 256 if contrast is None else reference.second_penalties(p2, p1, contrast)
     wanted = reference.sums(costs, paths, p1, second, None if contrast is None else guide)
     assert wanted.max() <= chosen.largest_sum(most, 1.0)
@@ -83,7 +82,7 @@ def test_rows_around_the_stretches_that_are_followed_again(rows, paths):
     rng = np.random.default_rng(rows)
     costs = rng.integers(0, 20, (rows, 4, 5)).astype(np.uint16)
     wanted = reference.sums(costs, paths, 2, [9] * 256)
-    np.testing.assert_array_equal(sgm.sums(costs, -1, SGM(paths, 2, 9), 1.0, 19, threads=2), wanted)
+    np.testing.assert_array_equal(sgm.sums(costs, SGM(paths, 2, 9), 1.0, 19, threads=2), wanted)
 
 
 @settings(max_examples=30, deadline=None)
@@ -92,9 +91,8 @@ def test_rows_around_the_stretches_that_are_followed_again(rows, paths):
     shape=some.tuples(some.integers(1, 9), some.integers(1, 9), some.integers(1, 12)),
     paths=some.sampled_from([4, 8]),
     contrast=some.sampled_from([None, 20.0]),
-    first=some.integers(-6, 6),
 )
-def test_more_global_sums_are_those_of_the_formula(seed, shape, paths, contrast, first):
+def test_more_global_sums_are_those_of_the_formula(seed, shape, paths, contrast):
     rng = np.random.default_rng(seed)
     costs = rng.integers(0, 40, shape).astype(np.uint16)
     guide = rng.integers(0, 256, shape[:2]).astype(np.uint8)
@@ -102,7 +100,7 @@ def test_more_global_sums_are_those_of_the_formula(seed, shape, paths, contrast,
     second = [25] * 256 if contrast is None else reference.second_penalties(25, 3, contrast)
     wanted = reference.more_global(costs, paths, 3, second, None if contrast is None else guide)
     assert wanted.max() <= chosen.largest_sum(39, 1.0)
-    np.testing.assert_array_equal(sgm.sums(costs, first, chosen, 1.0, 39, guide), wanted)
+    np.testing.assert_array_equal(sgm.sums(costs, chosen, 1.0, 39, guide), wanted)
 
 
 # ---- settings ------------------------------------------------------------------------------------

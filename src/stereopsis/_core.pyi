@@ -440,7 +440,6 @@ most_aggregated_bits: int
 
 def sgm_sums(
     costs: npt.NDArray[np.uint16],
-    first: int,
     paths: int,
     most: int,
     p1: int,
@@ -454,7 +453,6 @@ def sgm_sums(
 def hide_out_of_view(sums: npt.NDArray[np.uint16], first: int, beyond: _I32, threads: int, /) -> None: ...
 def mgm_sums(
     costs: npt.NDArray[np.uint16],
-    first: int,
     paths: int,
     most: int,
     p1: int,

@@ -14,6 +14,8 @@ from stereopsis import _core, _gaussian, _instructions, pixelwise, sgm
 from stereopsis.cost import KINDS, Pixels, fits_narrow, grey
 from stereopsis.types import Disparities
 
+MOST_AGGREGATED: int = _core.most_aggregated_bits
+"""Comparisons of a census that `match_sgm` sums over 3 x 3."""
 SUBPIXEL = (None, "parabola", "equiangular")
 """In the core's order."""
 
@@ -152,13 +154,17 @@ def guide_of(pair: Pixels) -> npt.NDArray[np.uint8]:
     return np.ascontiguousarray((grey(left) if left.shape[2] == 3 else left)[..., 0])
 
 
+def streams_census(cost: Any, settings: sgm.SGM) -> bool:
+    """Whether `match_sgm` takes this cost and these settings."""
+    if not isinstance(cost, pixelwise.Census) or settings.more_global:
+        return False
+    fits = cost.box == (1, 1) or (cost.box == (3, 3) and cost.most <= MOST_AGGREGATED)
+    return fits and 1 <= settings.unit_for(cost.largest(), whole=True) <= 2**15
+
+
 def serves_sgm(cost: Any, pair: Pixels, settings: sgm.SGM, disparities: Disparities) -> bool:
     """Whether `match_sgm` takes this cost, these pixels and these settings."""
-    if not isinstance(cost, pixelwise.Census) or settings.more_global or pair.left.shape[2] != 1:
-        return False
-    bits, unit = cost.most, settings.unit_for(cost.largest(), whole=True)
-    fits = cost.box == (1, 1) or (cost.box == (3, 3) and bits <= _core.most_aggregated_bits)
-    return bool(fits and 1 <= unit <= 2**15 and disparities.span < 2**15)
+    return streams_census(cost, settings) and pair.left.shape[2] == 1 and disparities.span < 2**15
 
 
 def match_sgm(
@@ -193,7 +199,8 @@ def match_sgm(
         A sheared volume: candidate i of pixel p means the disparity ``disparities.min + i + shift[p]``, and
         paths compare neighbours of equal i.
     winning_cost : ndarray of float32, (H, W), optional
-        Receives the winner's sum, in units; infinity where no candidate is in view.
+        Receives the winner's sum, in units; infinity where there is none. Winners are then told as they were
+        found, beside their flags, also those out of view.
     left_strings : ndarray of uint64, (P, H, W), optional
         The left image's census, where it is known.
     """

@@ -19,6 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _cuts
+from stereopsis._numbers import is_number
+from stereopsis.types import worst_cost
 
 Data: TypeAlias = Literal["sad", "ssd", "zsad", "zssd", "ncc", "zncc"]
 DATA = ("sad", "ssd", "zsad", "zssd", "ncc", "zncc")
@@ -53,9 +55,9 @@ class Smoothness:
     def __post_init__(self) -> None:
         if self.norm not in NORMS:
             raise ValueError(f"smoothness must be one of {', '.join(NORMS)}, not {self.norm!r}")
-        if not (_is_number(self.weight) and 0 <= self.weight <= 1e20):
+        if not (is_number(self.weight) and 0 <= self.weight <= 1e20):
             raise ValueError(f"smoothness_weight must be a number from 0 to 1e20, not {self.weight!r}")
-        if self.truncation is not None and not (_is_number(self.truncation) and 0 < self.truncation <= 2**24):
+        if self.truncation is not None and not (is_number(self.truncation) and 0 < self.truncation <= 2**24):
             raise ValueError(
                 f"smoothness_truncation must be a number of pixels above 0, or None, not {self.truncation!r}"
             )
@@ -82,10 +84,6 @@ class Smoothness:
         """Penalties of differences in pixels, of any shape."""
         steps = np.minimum(np.abs(np.asarray(difference, np.float64)), self.limit)
         return np.asarray(self.weight * steps**self.power)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True)
@@ -318,7 +316,7 @@ def energy(
 def _energy(index: npt.NDArray[np.int32], volume: npt.NDArray[Any], smoothness: Smoothness) -> float:
     known = index >= 0
     costs = np.take_along_axis(volume, np.where(known, index, 0)[..., None], axis=2)[..., 0]
-    impossible = known & (costs == _worst(volume.dtype))
+    impossible = known & (costs == worst_cost(volume.dtype))
     if impossible.any():
         return math.inf
     total = float(np.sum(costs, where=known, dtype=np.float64))
@@ -326,11 +324,6 @@ def _energy(index: npt.NDArray[np.int32], volume: npt.NDArray[Any], smoothness: 
         both = known[one] & known[other]
         total += float(np.sum(smoothness(index[one] - index[other]), where=both))
     return total
-
-
-def _worst(dtype: npt.DTypeLike) -> Any:
-    kind = np.dtype(dtype)
-    return np.iinfo(kind).max if kind.kind in "iu" else np.inf
 
 
 def _checked_volume(volume: Any) -> npt.NDArray[Any]:

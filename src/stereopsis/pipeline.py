@@ -40,7 +40,18 @@ from stereopsis import (
 )
 from stereopsis.settings import Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian, Window, window_size
-from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Image, Pair, Result, Sampling, Vertical
+from stereopsis.types import (
+    EVERY,
+    Disparities,
+    DisparityMap,
+    Flag,
+    Image,
+    Pair,
+    Result,
+    Sampling,
+    Vertical,
+    worst_cost,
+)
 
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
@@ -236,7 +247,7 @@ def _match(
         disparity, confidence, flags = _match_tiles(pixels, chosen, seen, timings)
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
-    elif isinstance(chosen.optimize, sgm.SGM) and not composed:
+    elif isinstance(chosen.optimize, sgm.SGM):
         disparity, confidence, flags = _semi_global(pixels, chosen, seen, chosen.optimize, timings, stages)
     elif merged:
         disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages)
@@ -682,7 +693,7 @@ def _path_sums(
     costs = sgm.quantised(volume, perfect, unit, step, largest)
     most = sgm.most_units(largest, step)
     guide = None if solver.contrast is None else _fused.guide_of(pixels)
-    return sgm.sums(costs, seen.min, solver, step, most, guide, chosen.threads)
+    return sgm.sums(costs, solver, step, most, guide, chosen.threads)
 
 
 def _volume(
@@ -852,7 +863,7 @@ def _presented(
 ) -> npt.NDArray[Any]:
     """The volume over the whole range that was asked for, in the image's own units."""
     asked, apart = cast(Disparities, chosen.disparities), chosen.disparity_step
-    worst = np.iinfo(volume.dtype).max if volume.dtype.kind in "iu" else np.inf
+    worst = worst_cost(volume.dtype)
     whole = np.full((*volume.shape[:2], -(-asked.span // apart)), worst, volume.dtype)
     first = (seen.min - asked.min) // apart
     whole[..., first : first + volume.shape[2]] = volume

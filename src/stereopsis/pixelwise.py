@@ -115,8 +115,26 @@ class _Single(Pixelwise):
         self._set(name, int(value))
 
 
+class _Neighbourhood(_Single):
+    """A cost that compares a pixel with those in a window around it, and sums over a box besides."""
+
+    window: Box
+    _box: ClassVar[str] = "aggregation"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of all that a cost sees, in pixels."""
+        return _widened(self.window, self.box)
+
+    def _check(self) -> None:
+        self._set("window", odd_box(self.window, "window", CENSUS_SIDE))
+        if not self.most:
+            raise ValueError(f"window must hold a neighbour to compare with, which {self!r} does not")
+        self._check_box()
+
+
 @dataclass(frozen=True)
-class Census(_Single):
+class Census(_Neighbourhood):
     r"""Census transform [1]_: in how many comparisons of a pixel with its neighbours the two images disagree.
 
     A pixel's bit string says of each comparison whether the first pixel is darker than the second. The cost
@@ -149,22 +167,11 @@ class Census(_Single):
     window: Box = (9, 7)
     pattern: Literal["dense", "sparse", "symmetric"] = "dense"
     aggregation: Box = 1
-    _box: ClassVar[str] = "aggregation"
 
     def __post_init__(self) -> None:
-        self._set("window", odd_box(self.window, "window", CENSUS_SIDE))
         if self.pattern not in PATTERNS:
             raise ValueError(f"pattern must be one of {', '.join(PATTERNS)}, not {self.pattern!r}")
-        if not self.most:
-            raise ValueError(
-                f"window must hold a neighbour to compare with, not {self.window!r} ({self.pattern})"
-            )
-        self._check_box()
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of all that a cost sees, in pixels."""
-        return _widened(self.window, self.box)
+        self._check()
 
     @property
     def most(self) -> int:
@@ -191,7 +198,7 @@ class Census(_Single):
 
 
 @dataclass(frozen=True)
-class Rank(_Single):
+class Rank(_Neighbourhood):
     """Rank transform [1]_: how many neighbours are darker than the pixel; the difference of both counts.
 
     Attributes
@@ -209,18 +216,9 @@ class Rank(_Single):
 
     window: Box = (9, 7)
     aggregation: Box = 9
-    _box: ClassVar[str] = "aggregation"
 
     def __post_init__(self) -> None:
-        self._set("window", odd_box(self.window, "window", CENSUS_SIDE))
-        if self.window == 1:
-            raise ValueError(f"window must hold a neighbour to compare with, not {self.window!r}")
-        self._check_box()
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of all that a cost sees, in pixels."""
-        return _widened(self.window, self.box)
+        self._check()
 
     @property
     def most(self) -> int:

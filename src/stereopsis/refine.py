@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _instructions
-from stereopsis.types import DisparityMap
+from stereopsis.types import DisparityMap, worst_cost
 
 
 def _neighbours(
@@ -18,7 +18,7 @@ def _neighbours(
 
     Costs are 0 where nothing is in view; at an end of the range the one neighbour stands for the other.
     """
-    none = np.iinfo(cost.dtype).max if cost.dtype.kind in "iu" else np.inf
+    none = worst_cost(cost.dtype)
     if cost.dtype.kind == "u":  # differences may be negative
         cost, before, after = (array.astype(np.int32) for array in (cost, before, after))
     cost = np.where(cost < none, cost, cost.dtype.type(0))

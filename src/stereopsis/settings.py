@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import json
-import math
 import numbers
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -14,6 +13,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, cast
 
+from stereopsis._fused import MOST_AGGREGATED, streams_census
+from stereopsis._numbers import is_number, is_whole
 from stereopsis.optimize import (
     ICM,
     TRWS,
@@ -29,14 +30,6 @@ from stereopsis.pixelwise import PixelCost as PixelCost
 from stereopsis.sgm import SGM
 from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
 from stereopsis.types import Disparities, Vertical
-
-
-def _is_int(value: Any) -> bool:
-    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True)
@@ -514,8 +507,8 @@ def _checked(name: str, value: Any) -> Any:
         case "vertical":
             if value is None or value == "estimate":
                 return value
-            parts = (value, 0, 0) if _is_number(value) else value
-            if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(map(_is_number, parts)):
+            parts = (value, 0, 0) if is_number(value) else value
+            if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(map(is_number, parts)):
                 raise refuse('"estimate", pixels, three of them (middle, across, down), or None')
             if not all(abs(part) <= MAX_VERTICAL for part in parts):
                 raise refuse(f"at most {MAX_VERTICAL} pixels")
@@ -541,14 +534,14 @@ def _checked(name: str, value: Any) -> Any:
             if value is None:
                 return None
             factor, how = value if isinstance(value, tuple | list) and len(value) == 2 else (0, None)
-            if not (_is_int(factor) and 2 <= factor <= 16 and how in INTERPOLATIONS):
+            if not (is_whole(factor) and 2 <= factor <= 16 and how in INTERPOLATIONS):
                 raise refuse(f"(factor from 2 to 16, one of {', '.join(INTERPOLATIONS)}), or None")
             return int(factor), str(how)
         case "texture" if isinstance(value, str):
             if value != "auto":
                 raise refuse('a number of at least 0, "auto", or None')
         case "left_right" | "uniqueness" | "texture" | "reflection":
-            if value is not None and not (_is_number(value) and value >= 0):
+            if value is not None and not (is_number(value) and value >= 0):
                 raise refuse("a number of at least 0, or None")
             return None if value is None else float(value)
         case "sky":
@@ -556,14 +549,14 @@ def _checked(name: str, value: Any) -> Any:
                 raise refuse("True or False")
             return bool(value)
         case "median":
-            if value is not None and not (_is_int(value) and 1 <= value <= MAX_WINDOW and value % 2):
+            if value is not None and not (is_whole(value) and 1 <= value <= MAX_WINDOW and value % 2):
                 raise refuse(f"an odd number from 1 to {MAX_WINDOW}, or None")
             return None if value is None else int(value)
         case "speckle":
             if value is None:
                 return None
             area, difference = value if isinstance(value, tuple | list) and len(value) == 2 else (value, 1.0)
-            if not (_is_int(area) and 0 <= area < 2**31 and _is_number(difference) and difference >= 0):
+            if not (is_whole(area) and 0 <= area < 2**31 and is_number(difference) and difference >= 0):
                 raise refuse("(area in pixels, largest difference in pixels of disparity), or None")
             return int(area), float(difference)
         case "planes":
@@ -576,7 +569,7 @@ def _checked(name: str, value: Any) -> Any:
             if value is None:
                 return None
             side, levels = value if isinstance(value, tuple | list) and len(value) == 2 else (value, 10.0)
-            if not (_is_int(side) and 1 <= side <= 11 and side % 2 and _is_number(levels) and levels >= 0.4):
+            if not (is_whole(side) and 1 <= side <= 11 and side % 2 and is_number(levels) and levels >= 0.4):
                 raise refuse("(odd side from 1 to 11, grey levels of at least 0.4), or None")
             return int(side), float(levels)
         case "edge_aware":
@@ -584,27 +577,27 @@ def _checked(name: str, value: Any) -> Any:
                 return None
             strength, levels = value if isinstance(value, tuple | list) and len(value) == 2 else (value, 5.0)
             if not (
-                _is_number(strength) and 0 <= strength <= 1e5 and _is_number(levels) and 0.1 <= levels <= 1e6
+                is_number(strength) and 0 <= strength <= 1e5 and is_number(levels) and 0.1 <= levels <= 1e6
             ):
                 raise refuse("(strength from 0 to 100000, grey levels of at least 0.1), or None")
             return float(strength), float(levels)
         case "least_confidence":
-            if value is not None and not (_is_number(value) and 0 <= value <= 1):
+            if value is not None and not (is_number(value) and 0 <= value <= 1):
                 raise refuse("a number from 0 to 1, or None")
             return None if value is None else float(value)
         case "confidence":
             if value is not None and value not in CONFIDENCES:
                 raise refuse(f"one of {', '.join(CONFIDENCES)}, or None")
         case "pyramid":
-            if value is not None and not (_is_int(value) and 1 <= value <= MAX_PYRAMID):
+            if value is not None and not (is_whole(value) and 1 <= value <= MAX_PYRAMID):
                 raise refuse(f"a whole number from 1 to {MAX_PYRAMID}, or None")
             return None if value is None else int(value)
         case "step" | "disparity_step":
-            if not (_is_int(value) and 1 <= value <= MAX_STEP):
+            if not (is_whole(value) and 1 <= value <= MAX_STEP):
                 raise refuse(f"a whole number from 1 to {MAX_STEP}")
             return int(value)
         case "threads":
-            if not (_is_int(value) and 0 <= value <= 4096):
+            if not (is_whole(value) and 0 <= value <= 4096):
                 raise refuse("a whole number from 0 (all cores) to 4096")
             return int(value)
         case "keep":
@@ -658,9 +651,9 @@ def _check_paths(settings: Settings) -> None:
     others = settings.cost.support is not None or settings.optimize is not None or sampled
     if merged and "costs" in settings.keep:
         raise ValueError('keep must be without "costs" where slant or extra_windows is set')
-    semi_global = isinstance(settings.optimize, SGM)
-    if merged and isinstance(settings.optimize, SGM) and not sampled:
-        _check_slanted_sgm(settings, settings.optimize)
+    semi_global = settings.optimize if isinstance(settings.optimize, SGM) else None
+    if merged and semi_global and not sampled:
+        _check_slanted_sgm(settings, semi_global)
     elif merged and others:
         raise ValueError(
             "slant and extra_windows go with box windows alone: not with a support as window, optimize, "
@@ -682,12 +675,12 @@ def _check_paths(settings: Settings) -> None:
                 f"cost must sum to at most {WORST - 1} over three channels, which 16 bits hold, not "
                 f"{settings.cost!r}: its box must be smaller, or channels grey"
             )
-    if isinstance(settings.optimize, SGM) and settings.cost.support is None:
+    if semi_global and settings.cost.support is None:
         channels = 3 if settings.channels == "separate" else 1
         if isinstance(settings.cost, Pixelwise):
-            settings.optimize.unit_for(settings.cost.largest(channels), whole=True)
+            semi_global.unit_for(settings.cost.largest(channels), whole=True)
         elif isinstance(settings.cost, NCC | ZNCC):
-            settings.optimize.unit_for(2.0, whole=False)
+            semi_global.unit_for(2.0, whole=False)
     kept = {"costs", "right_disparity", "planes"} & set(settings.keep)
     if settings.pyramid is not None and (kept or sampled):
         raise ValueError(
@@ -702,12 +695,11 @@ def _check_slanted_sgm(settings: Settings, solver: SGM) -> None:
     """Raise ValueError where semi-global matching does not go along the ground."""
     if settings.slant != "road" or settings.extra_windows:
         raise ValueError("with optimize=SGM, slant must be 'road' or None, and extra_windows empty")
-    cost = settings.cost
-    streams = isinstance(cost, Census) and cost.box in ((1, 1), (3, 3)) and not solver.more_global
-    if not streams or settings.channels != "grey":
+    if settings.channels != "grey" or not streams_census(settings.cost, solver):
         raise ValueError(
-            "with optimize=SGM, slant goes with cost=Census of aggregation 1 or 3 and channels grey alone, "
-            "without more_global"
+            "with optimize=SGM, slant goes with what streams alone: channels grey, cost=Census of "
+            f"aggregation 1, or 3 with up to {MOST_AGGREGATED} comparisons, a unit of at least 1, and no "
+            "more_global"
         )
     if "right_disparity" in settings.keep:
         raise ValueError('keep must be without "right_disparity" where slant and optimize=SGM are set')
@@ -721,7 +713,7 @@ def as_disparities(value: Any) -> Disparities:
         if value.step != 1:
             raise ValueError(f"disparities must step by 1, not {value!r}")
         value = (value.start, value.stop)
-    if not all(_is_int(end) for end in value):
+    if not all(is_whole(end) for end in value):
         raise TypeError(f"disparities must be two whole numbers, not {value!r}")
     low, high = int(value[0]), int(value[1])
     if not -(2**24) <= low < high <= 2**24:
@@ -748,20 +740,14 @@ def _from_text(name: str, text: str) -> Any:
                 raise ValueError(f"{name} must be a number, not {part!r}") from None
 
     match name:
-        case "cost" | "channels" | "slant" | "subpixel" | "fill" | "preset" | "refine_window" | "planar":
+        case (
+            "cost" | "window" | "aggregation" | "channels" | "slant" | "subpixel" | "refine_window" | "preset"
+        ):
             return text
-        case "window" | "aggregation":
-            return text
-        case "confidence":
-            return text
-        case "planes":
+        case "planes" | "planar" | "fill" | "confidence":
             return text
         case "optimize" | "optimize_data" | "smoothness":
             return text.lower()
-        case "optimize_more_global":
-            if text.lower() not in ("on", "true"):
-                raise ValueError(f"{name} must be on or off, not {text!r}")
-            return True
         case "upsample":
             factor, _, how = text.partition(",")
             return number(factor), how.strip()
@@ -785,9 +771,9 @@ def _from_text(name: str, text: str) -> Any:
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
         case "texture" if text == "auto":
             return text
-        case "sky":
+        case "sky" | "optimize_more_global":
             if text.lower() not in ("on", "true"):
-                raise ValueError(f"sky must be on or off, not {text!r}")
+                raise ValueError(f"{name} must be on or off, not {text!r}")
             return True
         case _:
             return number(text)
@@ -812,6 +798,19 @@ def _parse_toml(text: str, source: str) -> dict[str, Any]:
     }
 
 
+# It matches once as usual and once along the ground; in units of 8 costs and penalties fit bytes.
+_BALANCED = Settings(
+    preset="balanced",
+    cost=Census(window=(9, 7), aggregation=3),
+    vertical="estimate",
+    optimize=SGM(paths=4, p1=120, p2=950, p2_min=216, contrast=20, unit=8),
+    slant="road",
+    left_right=1.0,
+    median=3,
+    speckle=(200, 1.0),
+    planar=(49, 25),
+    fill="background",
+)
 PRESETS: Mapping[str, Settings] = MappingProxyType(
     {
         # Flat: on a road, the surface that matters most, disparity changes from row to row.
@@ -825,29 +824,10 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             median=3,
             speckle=(200, 1.0),
         ),
-        # Both match once as usual and once along the ground; in units of 8 costs and penalties fit bytes.
-        "balanced": Settings(
-            preset="balanced",
-            cost=Census(window=(9, 7), aggregation=3),
-            vertical="estimate",
-            optimize=SGM(paths=4, p1=120, p2=950, p2_min=216, contrast=20, unit=8),
-            slant="road",
-            left_right=1.0,
-            median=3,
-            speckle=(200, 1.0),
-            planar=(49, 25),
-            fill="background",
-        ),
-        "accurate": Settings(
+        "balanced": _BALANCED,
+        "accurate": dataclasses.replace(
+            _BALANCED,
             preset="accurate",
-            cost=Census(window=(9, 7), aggregation=3),
-            vertical="estimate",
-            optimize=SGM(paths=4, p1=120, p2=950, p2_min=216, contrast=20, unit=8),
-            slant="road",
-            left_right=1.0,
-            median=3,
-            speckle=(200, 1.0),
-            planar=(49, 25),
             fill="surfaces",
             confidence="calibrated",
             least_confidence=0.85,

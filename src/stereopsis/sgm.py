@@ -13,7 +13,6 @@ most so many times that as there are paths: it has to fit 16 bits.
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,14 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _instructions
+from stereopsis._numbers import is_number
+from stereopsis.types import worst_cost
 
 PATHS = (2, 4, 5, 8, 16)
 LARGEST_SUM = 65534
 """Sums are 16-bit; 65535 says that a candidate is out of view."""
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True)
@@ -99,17 +96,17 @@ class SGM:
             value = getattr(self, name)
             if name == "p2_min" and value is None:
                 continue
-            if not (_is_number(value) and _is_number(least) and least <= value <= 1e9):
+            if not (is_number(value) and is_number(least) and least <= value <= 1e9):
                 at_least = "0" if name == "p1" else f"p1, {self.p1!r},"
                 raise ValueError(f"{name} must be a number from {at_least} to 1e9, not {value!r}")
         if self.p2_min is not None and self.p2_min > self.p2:
             raise ValueError(f"p2_min must be at most p2, {self.p2!r}, not {self.p2_min!r}")
-        if self.contrast is not None and not (_is_number(self.contrast) and 0 < self.contrast <= 1e9):
+        if self.contrast is not None and not (is_number(self.contrast) and 0 < self.contrast <= 1e9):
             raise ValueError(
                 f"contrast must be a number of grey levels above 0, or None, not {self.contrast!r}"
             )
         if self.unit is not None and not (
-            _is_number(self.unit) and 2.0**-24 <= self.unit <= 2**24 and math.frexp(self.unit)[0] == 0.5
+            is_number(self.unit) and 2.0**-24 <= self.unit <= 2**24 and math.frexp(self.unit)[0] == 0.5
         ):
             raise ValueError(f"unit must be a power of two from 2^-24 to 2^24, or None, not {self.unit!r}")
         object.__setattr__(self, "paths", int(self.paths))
@@ -189,7 +186,7 @@ def quantised(
     -------
     ndarray of uint16, (H, W, D)
     """
-    top, worst = _units(most, unit), np.iinfo(volume.dtype).max if volume.dtype.kind in "iu" else np.inf
+    top, worst = _units(most, unit), worst_cost(volume.dtype)
     out = np.empty(volume.shape, np.uint16)
     for row, costs in zip(out, volume, strict=True):  # row by row: there is no second volume of doubles
         counted = np.floor((costs.astype(np.float64) - perfect) * (scale / unit) + 0.5)
@@ -199,14 +196,13 @@ def quantised(
 
 def largest_in_view(volume: npt.NDArray[Any], perfect: float, scale: float) -> float:
     """The largest cost of a volume but the worst, which says that a candidate is out of view."""
-    worst = np.iinfo(volume.dtype).max if volume.dtype.kind in "iu" else np.inf
+    worst = worst_cost(volume.dtype)
     found = [float(row[row < worst].max()) for row in volume if (row < worst).any()]
     return max(0.0, (max(found, default=perfect) - perfect) * scale)
 
 
 def sums(
     costs: npt.NDArray[np.uint16],
-    first: int,
     settings: SGM,
     unit: float,
     most: int,
@@ -219,8 +215,6 @@ def sums(
     ----------
     costs : ndarray of uint16, (H, W, D)
         In units, at most `most`, out of view as well.
-    first : int
-        Disparity of candidate 0.
     settings : SGM
     unit : float
         What the penalties are counted in.
@@ -238,7 +232,6 @@ def sums(
     kind = _core.mgm_sums if settings.more_global else _core.sgm_sums
     kind(
         np.ascontiguousarray(costs),
-        first,
         settings.paths,
         most,
         min(settings.first_penalty(unit), LARGEST_SUM),

@@ -10,28 +10,20 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, TypeAlias
+
+from stereopsis._numbers import is_number, is_whole
 
 MAX_WINDOW = 255
 MAX_RADIUS = 1023
 """Of a `Gaussian`, in pixels."""
 
 
-def _is_int(value: Any) -> bool:
-    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
-
-
 def _is_positive(value: Any) -> bool:
-    return (
-        isinstance(value, numbers.Real)
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-        and float(value) > 0
-    )
+    return is_number(value) and value > 0
 
 
 class _Support:
@@ -156,7 +148,7 @@ class Cross(_Support):
     threshold: float = 20.0
 
     def __post_init__(self) -> None:
-        if not (_is_int(self.arm) and 1 <= self.arm <= MAX_WINDOW):
+        if not (is_whole(self.arm) and 1 <= self.arm <= MAX_WINDOW):
             raise ValueError(f"arm must be a whole number from 1 to {MAX_WINDOW}, not {self.arm!r}")
         self._set("arm", int(self.arm))
         self._positive("threshold")
@@ -255,7 +247,7 @@ def window_size(window: Any, name: str = "window") -> tuple[int, int]:
     elif not isinstance(window, tuple | list):
         sides = [window]
     sides = [sides[0], sides[0]] if len(sides) == 1 else list(sides)
-    if len(sides) != 2 or not all(_is_int(side) and 1 <= side <= MAX_WINDOW for side in sides):
+    if len(sides) != 2 or not all(is_whole(side) and 1 <= side <= MAX_WINDOW for side in sides):
         also = f", or one of {', '.join(_form(kind) for kind in SUPPORTS)}" if name == "window" else ""
         raise ValueError(
             f"{name} must be a whole number from 1 to {MAX_WINDOW}, or two as WIDTHxHEIGHT{also}, "

@@ -176,3 +176,9 @@ class Result:
     def density(self) -> float:
         """The fraction of pixels that hold a disparity."""
         return float(np.mean(np.isfinite(self.disparity))) if self.disparity.size else 0.0
+
+
+def worst_cost(dtype: npt.DTypeLike) -> Any:
+    """What a candidate that is not possible costs: infinity, or the largest of a type of whole numbers."""
+    kind = np.dtype(dtype)
+    return np.iinfo(kind).max if kind.kind in "iu" else np.inf

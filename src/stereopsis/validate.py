@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Sampling
+from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Sampling, worst_cost
 
 BoolMap = npt.NDArray[np.bool_]
 
@@ -26,9 +26,11 @@ def uniqueness(cost: npt.NDArray[Any], second: npt.NDArray[Any], perfect: float,
     margin : float
         Percent.
     """
-    none = np.iinfo(second.dtype).max if second.dtype.kind in "iu" else np.inf
+    none = worst_cost(second.dtype)
     excess = second.astype(np.float64) - perfect
-    return (second < none) & (excess <= (cost.astype(np.float64) - perfect) * (1 + margin / 100))
+    depth = cost.astype(np.float64) - perfect
+    ambiguous: npt.NDArray[np.bool_] = (second < none) & (excess <= depth * (1 + margin / 100))
+    return ambiguous
 
 
 def left_right(

@@ -1,0 +1,17 @@
+"""What counts as a number among the values of a setting."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from typing import Any
+
+
+def is_whole(value: Any) -> bool:
+    """Whether it is a whole number by type; bools are none."""
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a finite real number; bools are none."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)

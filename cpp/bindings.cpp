@@ -449,7 +449,7 @@ void bind_hide(nb::module_& m) {
     const Pair pair{nullptr, nullptr, static_cast<int>(sums.shape(0)), static_cast<int>(sums.shape(1)), 1, first,
                     static_cast<int>(sums.shape(2))};
     require_shape(beyond, pair.height, pair.width);
-    run(threads, [&](const Workers& workers) { hide_out_of_view(pair, sums.data(), beyond.data(), workers); });
+    run(threads, [&](const Workers& workers) { hide_out_of_view(pair, sums.data(), beyond.data(), choose_sgm({}), workers); });
   });
 }
 
@@ -506,6 +506,26 @@ void bind_move_rows(nb::module_& m) {
     run(threads, [&](const Workers& workers) {
       move_rows<T>(image.data(), H, W, C, plane_of(offset), lowest, highest, moved.data(), workers);
     });
+  });
+}
+
+template <class T>
+void bind_texture(nb::module_& m) {
+  m.def("texture",
+        [](const Array<const T, 3>& image, int window_width, int window_height, const Array<float, 2>& mean, int threads) {
+          const Window window = window_of(window_width, window_height);
+          const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
+          require_shape(mean, H, W);
+          run(threads, [&](const Workers& workers) { texture<T>(image.data(), H, W, C, window, mean.data(), workers); });
+        });
+}
+
+template <class T>
+void bind_background(nb::module_& m) {
+  m.def("background", [](const Array<const T, 2>& disparity, const Array<T, 2>& filled, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require_shape(filled, H, W);
+    run(threads, [&](const Workers& workers) { background<T>(disparity.data(), H, W, filled.data(), workers); });
   });
 }
 
@@ -761,15 +781,8 @@ NB_MODULE(_core, m) {
   bind_select<uint16_t>(m);
   bind_select<float>(m);
 
-  m.def("texture",
-        [](const Pixels& image, int window_width, int window_height, const Array<float, 2>& mean, int threads) {
-          const Window window = window_of(window_width, window_height);
-          require_shape(mean, image.shape(0), image.shape(1));
-          run(threads, [&](const Workers& workers) {
-            texture(image.data(), static_cast<int>(image.shape(0)), static_cast<int>(image.shape(1)),
-                    static_cast<int>(image.shape(2)), window, mean.data(), workers);
-          });
-        });
+  bind_texture<uint8_t>(m);
+  bind_texture<int32_t>(m);
 
   m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out) {
     const int H = disparity.shape(0), W = disparity.shape(1);
@@ -844,6 +857,9 @@ NB_MODULE(_core, m) {
       probability(surface.data(), answered.data(), sharpness.data(), H, W, model, out.data(), workers);
     });
   });
+
+  bind_background<float>(m);
+  bind_background<double>(m);
 
   m.def("interpolate", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded,
                           const Array<float, 2>& out) {

@@ -17,6 +17,41 @@ float lower(float a, float b) { return std::isnan(a) || b < a ? b : a; }
 
 }  // namespace
 
+template <class T>
+void background(const T* disparity, int height, int width, T* filled, const Workers& workers) {
+  constexpr T none = std::numeric_limits<T>::quiet_NaN();
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const T* from = disparity + static_cast<size_t>(y) * width;
+      T* to = filled + static_cast<size_t>(y) * width;
+      T before = none;
+      for (int x = 0; x < width;) {
+        if (std::isfinite(from[x])) {
+          to[x] = before = from[x];
+          ++x;
+          continue;
+        }
+        int next = x;
+        while (next < width && !std::isfinite(from[next])) ++next;
+        const T after = next < width ? from[next] : before;
+        std::fill(to + x, to + next, std::isnan(before) || after < before ? after : before);
+        x = next;
+      }
+    }
+  });
+  // Each row is now answered throughout or not at all.
+  const auto answered = [&](int y) { return width > 0 && !std::isnan(filled[static_cast<size_t>(y) * width]); };
+  const auto repeat = [&](int from, int to) { std::copy_n(filled + static_cast<size_t>(from) * width, width, filled + static_cast<size_t>(to) * width); };
+  int first = 0, last = height - 1;
+  while (first < height && !answered(first)) ++first;
+  if (first == height) return;
+  while (!answered(last)) --last;
+  for (int y = 0; y < first; ++y) repeat(first, y);
+  for (int y = last + 1; y < height; ++y) repeat(last, y);
+}
+template void background(const float*, int, int, float*, const Workers&);
+template void background(const double*, int, int, double*, const Workers&);
+
 void interpolate(const float* disparity, const uint8_t* occluded, int height, int width, float* filled, const Workers& workers) {
   // Two sweeps over the rows carry the nearest answers along: from above and from the left, then from below and the right.
   parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {

@@ -10,14 +10,21 @@ namespace stereopsis {
 
 namespace {
 
+// Windows of the usual width are loops of a known length, which are unrolled; Columns is 0 for all others.
+constexpr int kUsual = 13;
+constexpr int kWidest = 2 * 127 + 1;
+constexpr int most_columns(int columns) { return columns ? columns : kWidest; }
+
 // The smaller eigenvalue of the window's summed products of gradients, gradients being I(+1) - I(-1).
-double cornerness(const uint8_t* image, int width, int x, int y, const HalfWindow& reach) {
+template <int Columns>
+double cornerness(const uint8_t* image, int stride, int x, int y, const HalfWindow& reach) {
+  const int columns = Columns ? Columns : 2 * reach.x + 1;
   int64_t xx = 0, xy = 0, yy = 0;
   for (int v = y - reach.y; v <= y + reach.y; ++v) {
-    const uint8_t* row = image + static_cast<size_t>(v) * width;
+    const uint8_t* row = image + static_cast<size_t>(v) * stride + x - reach.x;
     int row_xx = 0, row_xy = 0, row_yy = 0;
-    for (int u = x - reach.x; u <= x + reach.x; ++u) {
-      const int gx = row[u + 1] - row[u - 1], gy = row[u + width] - row[u - width];
+    for (int u = 0; u < columns; ++u) {
+      const int gx = row[u + 1] - row[u - 1], gy = row[u + stride] - row[u - stride];
       row_xx += gx * gx;
       row_xy += gx * gy;
       row_yy += gy * gy;
@@ -30,97 +37,103 @@ double cornerness(const uint8_t* image, int width, int x, int y, const HalfWindo
   return 0.5 * static_cast<double>(xx + yy) - std::sqrt(half * half + mixed * mixed);
 }
 
-constexpr int kWidest = 2 * 127 + 1;
 constexpr double kStill = 0.01;  // pixels: a point that moves less has arrived
 
-// A window of the left image about its mean, and its gradients about theirs.
-struct Template {
-  int width, height;
-  float mean = 0;
-  std::vector<float> value, gx, gy;
-  double squares = 0, x_value = 0, y_value = 0, xx = 0, xy = 0, yy = 0;
-
-  Template(const uint8_t* left, int stride, int x, int y, const HalfWindow& reach)
-      : width(2 * reach.x + 1), height(2 * reach.y + 1) {
-    const int n = width * height;
-    for (auto* side : {&value, &gx, &gy}) side->resize(n);
-    int k = 0;
-    for (int v = y - reach.y; v <= y + reach.y; ++v)
-      for (int u = x - reach.x; u <= x + reach.x; ++u, ++k) {
-        const uint8_t* at = left + static_cast<size_t>(v) * stride + u;
-        value[k] = at[0];
-        gx[k] = 0.5f * static_cast<float>(at[1] - at[-1]);
-        gy[k] = 0.5f * static_cast<float>(at[stride] - at[-stride]);
-      }
-    mean = centred(&value);
-    centred(&gx);
-    centred(&gy);
-    for (k = 0; k < n; ++k) {
-      const double t = value[k], a = gx[k], b = gy[k];
-      squares += t * t;
-      x_value += a * t;
-      y_value += b * t;
-      xx += a * a;
-      xy += a * b;
-      yy += b * b;
-    }
-  }
-
- private:
-  static float centred(std::vector<float>* side) {
-    double sum = 0;
-    for (const float one : *side) sum += one;
-    const float mean = static_cast<float>(sum / static_cast<double>(side->size()));
-    for (float& one : *side) one -= mean;
-    return mean;
-  }
-};
+// Sums are of columns first, side by side, and then of these.
+template <int Columns>
+double total(const float* column, int columns) {
+  double sum = 0;
+  for (int u = 0; u < (Columns ? Columns : columns); ++u) sum += column[u];
+  return sum;
+}
 
 // What a step needs of a right window w: its variance times its pixels, and its products with the template and the gradients.
 struct Products {
   double squares = 0, value = 0, x = 0, y = 0;
 };
 
-// The right window at (x, y), straight lines between pixels; false where it leaves the image.
-bool compare(const Template& mine, const uint8_t* right, int height, int width, double x, double y, Products* found) {
-  const int reach_x = mine.width / 2, reach_y = mine.height / 2;
-  if (!(x >= reach_x && x <= width - 1 - reach_x && y >= reach_y && y <= height - 1 - reach_y)) return false;
-  const int left = std::min(static_cast<int>(x), width - 2 - reach_x), top = std::min(static_cast<int>(y), height - 2 - reach_y);
-  const float s = static_cast<float>(x - left), t = static_cast<float>(y - top), mean = mine.mean;
-  const float w00 = (1 - s) * (1 - t), w01 = s * (1 - t), w10 = (1 - s) * t, w11 = s * t;
-  // A sum for each column, so that columns are added side by side.
-  float sum[kWidest] = {}, squares[kWidest] = {}, by_value[kWidest] = {}, by_x[kWidest] = {}, by_y[kWidest] = {};
-  for (int v = 0; v < mine.height; ++v) {
-    const uint8_t* upper = right + static_cast<size_t>(top - reach_y + v) * width + left - reach_x;
-    const uint8_t* lower = upper + width;
-    const size_t row = static_cast<size_t>(v) * mine.width;
-    const float *value = &mine.value[row], *gx = &mine.gx[row], *gy = &mine.gy[row];
-    for (int u = 0; u < mine.width; ++u) {
-      const float w = (w00 * upper[u] + w01 * upper[u + 1]) + (w10 * lower[u] + w11 * lower[u + 1]) - mean;
-      sum[u] += w;
-      squares[u] += w * w;
-      by_value[u] += w * value[u];
-      by_x[u] += w * gx[u];
-      by_y[u] += w * gy[u];
+// A window of the left image about its mean, and its gradients about theirs.
+template <int Columns>
+class Template {
+ public:
+  explicit Template(const HalfWindow& reach)
+      : reach_(reach), columns_(Columns ? Columns : 2 * reach.x + 1), rows_(2 * reach.y + 1),
+        value_(static_cast<size_t>(columns_) * rows_), gx_(value_.size()), gy_(value_.size()) {}
+  double squares, x_value, y_value, xx, xy, yy;
+
+  void take(const uint8_t* left, int stride, int x, int y) {
+    const int columns = Columns ? Columns : columns_;
+    float value[kMost] = {}, gx[kMost] = {}, gy[kMost] = {};
+    for (int v = 0; v < rows_; ++v) {
+      const uint8_t* at = left + static_cast<size_t>(y - reach_.y + v) * stride + x - reach_.x;
+      float *values = &value_[v * columns], *slopes = &gx_[v * columns], *rises = &gy_[v * columns];
+      for (int u = 0; u < columns; ++u) {
+        values[u] = at[u];
+        slopes[u] = 0.5f * static_cast<float>(at[u + 1] - at[u - 1]);
+        rises[u] = 0.5f * static_cast<float>(at[u + stride] - at[u - stride]);
+      }
+      for (int u = 0; u < columns; ++u) value[u] += values[u], gx[u] += slopes[u], gy[u] += rises[u];
     }
+    const double pixels = static_cast<double>(columns) * rows_;
+    const auto mean = [&](const float* sums) { return static_cast<float>(total<Columns>(sums, columns) / pixels); };
+    mean_ = mean(value);
+    const float mean_x = mean(gx), mean_y = mean(gy);
+    float sums[6][kMost] = {};
+    for (int v = 0; v < rows_; ++v) {
+      float *values = &value_[v * columns], *slopes = &gx_[v * columns], *rises = &gy_[v * columns];
+      for (int u = 0; u < columns; ++u) {
+        const float t = values[u] -= mean_, a = slopes[u] -= mean_x, b = rises[u] -= mean_y;
+        sums[0][u] += t * t;
+        sums[1][u] += a * t;
+        sums[2][u] += b * t;
+        sums[3][u] += a * a;
+        sums[4][u] += a * b;
+        sums[5][u] += b * b;
+      }
+    }
+    double* const totals[] = {&squares, &x_value, &y_value, &xx, &xy, &yy};
+    for (int k = 0; k < 6; ++k) *totals[k] = total<Columns>(sums[k], columns);
   }
-  double total = 0;
-  *found = {};
-  for (int u = 0; u < mine.width; ++u) {
-    total += sum[u];
-    found->squares += squares[u];
-    found->value += by_value[u];
-    found->x += by_x[u];
-    found->y += by_y[u];
+
+  // The right window at (x, y), straight lines between pixels; false where it leaves the image.
+  bool compare(const uint8_t* right, int height, int width, double x, double y, Products* found) const {
+    if (!(x >= reach_.x && x <= width - 1 - reach_.x && y >= reach_.y && y <= height - 1 - reach_.y)) return false;
+    const int columns = Columns ? Columns : columns_;
+    const int left = std::min(static_cast<int>(x), width - 2 - reach_.x);
+    const int top = std::min(static_cast<int>(y), height - 2 - reach_.y);
+    const float s = static_cast<float>(x - left), t = static_cast<float>(y - top), mean = mean_;
+    const float w00 = (1 - s) * (1 - t), w01 = s * (1 - t), w10 = (1 - s) * t, w11 = s * t;
+    float sum[kMost] = {}, squares_of[kMost] = {}, by_value[kMost] = {}, by_x[kMost] = {}, by_y[kMost] = {};
+    for (int v = 0; v < rows_; ++v) {
+      const uint8_t* upper = right + static_cast<size_t>(top - reach_.y + v) * width + left - reach_.x;
+      const uint8_t* lower = upper + width;
+      const float *value = &value_[v * columns], *gx = &gx_[v * columns], *gy = &gy_[v * columns];
+      for (int u = 0; u < columns; ++u) {
+        const float w = (w00 * upper[u] + w01 * upper[u + 1]) + (w10 * lower[u] + w11 * lower[u + 1]) - mean;
+        sum[u] += w;
+        squares_of[u] += w * w;
+        by_value[u] += w * value[u];
+        by_x[u] += w * gx[u];
+        by_y[u] += w * gy[u];
+      }
+    }
+    const double all = total<Columns>(sum, columns);
+    *found = {total<Columns>(squares_of, columns) - all * all / (static_cast<double>(columns) * rows_),
+              total<Columns>(by_value, columns), total<Columns>(by_x, columns), total<Columns>(by_y, columns)};
+    return true;
   }
-  found->squares -= total * total / (mine.width * mine.height);
-  return true;
-}
 
-}  // namespace
+ private:
+  static constexpr int kMost = most_columns(Columns);
+  const HalfWindow reach_;
+  const int columns_, rows_;
+  float mean_ = 0;
+  std::vector<float> value_, gx_, gy_;
+};
 
-void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
-             const Workers& workers) {
+template <int Columns>
+void corners_of(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least,
+                int32_t* found, const Workers& workers) {
   const int rows = height / tile, columns = width / tile;
   parallel_rows(rows, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int row = begin; row < end && !cancel.load(std::memory_order_relaxed); ++row)
@@ -131,7 +144,7 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
         for (int y = row * tile; y < (row + 1) * tile; y += stride)
           for (int x = column * tile; x < (column + 1) * tile; x += stride) {
             if (x <= reach.x || x + reach.x + 1 >= width || y <= reach.y || y + reach.y + 1 >= height) continue;
-            const double score = cornerness(image, width, x, y, reach);
+            const double score = cornerness<Columns>(image, width, x, y, reach);
             if (score <= most) continue;
             most = score;
             best[0] = x;
@@ -141,21 +154,23 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
   });
 }
 
-void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
-           const HalfWindow& reach, int iterations, double* motion, double* correlation, const Workers& workers) {
+template <int Columns>
+void track_by(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
+              const HalfWindow& reach, int iterations, double* motion, double* correlation, const Workers& workers) {
   parallel_rows(count, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    Template<Columns> mine(reach);
     for (int k = begin; k < end && !cancel.load(std::memory_order_relaxed); ++k) {
       const int x = points[2 * k], y = points[2 * k + 1];
       double u = motion[2 * k], v = motion[2 * k + 1];
       correlation[k] = std::numeric_limits<double>::quiet_NaN();
       if (x <= reach.x || x + reach.x + 1 >= width || y <= reach.y || y + reach.y + 1 >= height) continue;
-      const Template mine(left, width, x, y, reach);
+      mine.take(left, width, x, y);
       const double determinant = mine.xx * mine.yy - mine.xy * mine.xy;
       if (!(determinant > 1e-9 * mine.xx * mine.yy)) continue;
       double moved = 1;
       for (int step = 0; step <= iterations; ++step) {
         Products seen;
-        if (!compare(mine, right, height, width, x + u, y + v, &seen) || !(seen.squares > 0)) break;
+        if (!mine.compare(right, height, width, x + u, y + v, &seen) || !(seen.squares > 0)) break;
         if (step == iterations || moved < kStill) {
           correlation[k] = seen.value / std::sqrt(seen.squares * mine.squares);
           break;
@@ -171,6 +186,20 @@ void track(const uint8_t* left, const uint8_t* right, int height, int width, con
       motion[2 * k + 1] = v;
     }
   });
+}
+
+}  // namespace
+
+void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
+             const Workers& workers) {
+  const auto chosen = 2 * reach.x + 1 == kUsual ? &corners_of<kUsual> : &corners_of<0>;
+  chosen(image, height, width, tile, stride, reach, least, found, workers);
+}
+
+void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
+           const HalfWindow& reach, int iterations, double* motion, double* correlation, const Workers& workers) {
+  const auto chosen = 2 * reach.x + 1 == kUsual ? &track_by<kUsual> : &track_by<0>;
+  chosen(left, right, height, width, points, count, reach, iterations, motion, correlation, workers);
 }
 
 namespace {

@@ -6,7 +6,6 @@
 #include <stdexcept>
 #include <vector>
 
-#include "least.hpp"
 #include "parallel.hpp"
 #include "scratch.hpp"
 #include "stages.hpp"
@@ -53,9 +52,14 @@ struct SgmJob {
   size_t room;
   // P1; beyond the largest P2 it makes no difference.
   int first() const { return std::min(settings.p1, settings.largest_p2()); }
-  // Whether all candidates of column x are in view, for certain.
-  bool sees_all(int x) const {
-    return !(census && census->shift) && x - pair.first < pair.width && x - pair.first >= pair.count - 1;
+  // Calls visit(x) for all columns but those whose candidates are all in view, whatever the row.
+  template <class Visit>
+  void each_partly_in_view(Visit visit) const {
+    const bool unsure = census && census->shift;
+    const int begin = unsure ? pair.width : std::clamp(pair.first + pair.count - 1, 0, pair.width);
+    const int end = std::clamp(pair.first + pair.width, begin, pair.width);
+    for (int x = 0; x < begin; ++x) visit(x);
+    for (int x = end; x < pair.width; ++x) visit(x);
   }
   // Candidates lo ... hi - 1 of pixel (x, y) are in view.
   void in_view(int x, int y, int* lo, int* hi) const {
@@ -73,7 +77,7 @@ class CostRows {
   explicit CostRows(const SgmJob& job)
       : job_(job),
         kept_(job.census ? (aggregated() ? 3 : 1) * distances() : 0),
-        scratch_(job.census ? hamming_scratch(job.census->bits, job.pair.width, job.room) : 0) {}
+        scratch_(job.census ? hamming_scratch(job.pair.width, job.room) : 0) {}
 
   // Row y into (width, room), what is beyond the candidates being anything.
   void make(int y, Lane* row) {
@@ -99,13 +103,12 @@ class CostRows {
       for (size_t k = 0; k < size; ++k) row[k] = static_cast<Lane>((distances[k] + rounding) >> census.unit);
     }
     const Lane by_chance = static_cast<Lane>(cost_by_chance(job_.settings.most));
-    for (int x = 0; x < W; ++x) {
-      if (job_.sees_all(x)) continue;
+    job_.each_partly_in_view([&](int x) {
       int lo, hi;
       job_.in_view(x, y, &lo, &hi);
       std::fill_n(row + x * room, lo, by_chance);
       std::fill_n(row + x * room + hi, D - hi, by_chance);
-    }
+    });
   }
 
  private:
@@ -363,26 +366,6 @@ class Sweep {
   int turn_ = 0;
 };
 
-// A winner out of view, by its number and its sum; or -1.
-struct Beyond {
-  int index;
-  uint16_t sum;
-};
-
-// Sums out of view become 65535. The least of all, should it be one of these.
-Beyond hide(uint16_t* sums, int lo, int hi, int count) {
-  lo = std::min(lo, hi);
-  const uint16_t sum = std::min(least(sums, 0, lo), least(sums, hi, count));
-  Beyond found{-1, sum};
-  if (sum < least(sums, lo, hi)) {
-    const uint16_t* at = std::find(sums, sums + lo, sum);
-    found.index = static_cast<int>((at < sums + lo ? at : std::find(sums + hi, sums + count, sum)) - sums);
-  }
-  std::fill_n(sums, lo, uint16_t{65535});
-  std::fill(sums + hi, sums + count, uint16_t{65535});
-  return found;
-}
-
 // Makes of a row of complete sums what is asked for.
 class RowEnd {
  public:
@@ -391,8 +374,7 @@ class RowEnd {
         ends_(ends),
         all_{job.pair},
         right_(job.pair.width + job.pair.count + (ends.largest_shift - ends.least_shift) + job.room),
-        scratch_(winner_scratch(job.pair.width, job.room)),
-        beyond_(job.pair.width) {
+        scratch_(winner_scratch(job.pair.width, job.room)) {
     all_.first += ends.least_shift;
     all_.count += ends.largest_shift - ends.least_shift;
   }
@@ -403,24 +385,24 @@ class RowEnd {
     if (ends_.volume)
       for (int x = 0; x < W; ++x) std::copy_n(sums + x * room, D, ends_.volume + (at + x) * D);
     if (!ends_.out) return;
-    for (int x = 0; x < W; ++x) {
-      beyond_[x].index = -1;
-      if (job_.sees_all(x) && room == static_cast<size_t>(D)) continue;
+    beyond_.clear();
+    if (room > static_cast<size_t>(D))
+      for (int x = 0; x < W; ++x) std::fill(sums + x * room + D, sums + (x + 1) * room, uint16_t{65535});
+    job_.each_partly_in_view([&](int x) {
       int lo, hi;
       job_.in_view(x, y, &lo, &hi);
-      beyond_[x] = hide(sums + x * room, lo, hi, D);
-      std::fill(sums + x * room + D, sums + (x + 1) * room, uint16_t{65535});
-    }
+      const Beyond found = job_.kernels->hide(sums + x * room, lo, hi, D);
+      if (found.index >= 0) beyond_.push_back({x, found});
+    });
     const int16_t* shift = job_.census && job_.census->shift ? job_.census->shift + at : nullptr;
     job_.kernels->winners({&all_, ends_.settings, D, shift, ends_.least_shift, room, sums, right_.get(), scratch_.get(), ends_.out, y});
-    for (int x = 0; x < W; ++x) {
-      if (beyond_[x].index < 0) continue;
+    for (const auto& [x, winner] : beyond_) {
       const FusedOutput& out = *ends_.out;
-      const int disparity = job_.pair.first + (shift ? shift[x] : 0) + beyond_[x].index;
+      const int disparity = job_.pair.first + (shift ? shift[x] : 0) + winner.index;
       out.disparity[at + x] = out.cost ? static_cast<float>(disparity) : std::numeric_limits<float>::quiet_NaN();
       out.confidence[at + x] = 0;
       out.flags[at + x] = kOutOfView;
-      if (out.cost) out.cost[at + x] = beyond_[x].sum;
+      if (out.cost) out.cost[at + x] = winner.sum;
     }
   }
 
@@ -430,7 +412,7 @@ class RowEnd {
   Pair all_;
   Block<uint32_t> right_;
   Block<int32_t> scratch_;
-  std::vector<Beyond> beyond_;
+  std::vector<std::pair<int, Beyond>> beyond_;  // by columns
 };
 
 // Two sweeps, one down and one up, meet in the middle. Over its first half of the rows each only notes what it looks back
@@ -600,14 +582,14 @@ void mgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settin
   });
 }
 
-void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const Workers& workers) {
+void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const SgmKernels& kernels, const Workers& workers) {
   parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = 0; x < pair.width; ++x) {
         const size_t at = static_cast<size_t>(y) * pair.width + x;
         const int highest = x - pair.first;
         const int lo = std::clamp(highest - (pair.width - 1), 0, pair.count), hi = std::clamp(highest + 1, 0, pair.count);
-        beyond[at] = hide(sums + at * pair.count, lo, hi, pair.count).index;
+        beyond[at] = kernels.hide(sums + at * pair.count, lo, hi, pair.count).index;
       }
   });
 }

@@ -30,12 +30,21 @@ struct HammingRow {
   int bits, width, first;
   size_t room;
   int margin;
-  uint8_t* scratch;  // hamming_scratch(bits, width, room)
+  uint8_t* scratch;  // hamming_scratch(width, room)
   uint8_t* costs;
 };
-// The strings of a row, and theirs in parts of at least four bits; planes are looked at up to the end of a string.
-inline size_t hamming_scratch(int bits, int width, size_t room) {
-  return (8 + static_cast<size_t>((bits + 63) / 64) * 16) * (width + 2 * room + kSgmBlock);
+// Places of a row of right strings that some candidate means, and others that are read with them.
+inline size_t hamming_reach(int width, size_t room) { return sgm_room(width) + 2 * room + kSgmBlock; }
+// From plane to plane of the parts of these strings; not of 4 KiB, which would all want the same place in the cache.
+constexpr int kPlaneStride = 4096 + 64;
+inline size_t hamming_stride(int width, size_t room) {
+  const size_t reach = hamming_reach(width, room);
+  return reach < kPlaneStride ? kPlaneStride : reach;
+}
+// The strings of a row, the parts of one word of the left ones in 32 bits each, and planes of the right ones', parts being of at
+// least four bits.
+inline size_t hamming_scratch(int width, size_t room) {
+  return 8 * hamming_reach(width, room) + 64 * static_cast<size_t>(width) + 16 * hamming_stride(width, room);
 }
 
 // Sums of 3 x 3 of such distances, whose margin is 1, rounded to units of 2^unit.
@@ -85,6 +94,12 @@ struct WinnerRow {
 };
 inline size_t winner_scratch(int width, size_t room) { return 8 * static_cast<size_t>(width) + room + 64; }
 
+// A winner out of view, by its number and its sum; or -1.
+struct Beyond {
+  int index;
+  uint16_t sum;
+};
+
 struct SgmKernels {
   void (*hamming)(const HammingRow&);
   void (*aggregate8)(const AggregateRow&);
@@ -92,6 +107,8 @@ struct SgmKernels {
   void (*paths8)(const PathRow<uint8_t>&);
   void (*paths16)(const PathRow<uint16_t>&);
   void (*winners)(const WinnerRow&);
+  // Sums of a pixel's candidates but lo ... hi - 1 become 65535. The least of all, should it be one of these.
+  Beyond (*hide)(uint16_t* sums, int lo, int hi, int count);
 };
 
 // The build that goes with the named instruction set, or with the best one for an empty name.
@@ -130,7 +147,7 @@ struct Workers;
 void sgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settings, uint16_t* sums, const SgmKernels& kernels,
               const Workers& workers);
 // Sums out of view become 65535; `beyond` (H, W) is the number of a pixel's least sum where that is one of them, else -1.
-void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const Workers& workers);
+void hide_out_of_view(const Pair& pair, uint16_t* sums, int32_t* beyond, const SgmKernels& kernels, const Workers& workers);
 // More-global matching (Facciolo, de Franchis, Meinhardt 2015, doi:10.5244/C.29.90), 4 or 8 directions: a pixel takes the mean,
 // rounded down, of what two pixels tell it, one step back and one step back at right angles, a quarter turn on; or what one
 // does where the other lies outside.

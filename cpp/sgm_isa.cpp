@@ -40,12 +40,6 @@ static STEREOPSIS_INLINE Vec joined_second(Vec lo, Vec hi) {
 static STEREOPSIS_INLINE Vec for_unpacking(Vec v) {
   return _mm512_permutexvar_epi64(_mm512_setr_epi64(0, 4, 1, 5, 2, 6, 3, 7), v);
 }
-static STEREOPSIS_INLINE Vec widened(const uint8_t* p) {
-  return _mm512_cvtepu8_epi16(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)));
-}
-static STEREOPSIS_INLINE Vec unpermuted(Vec v) {  // what packing two vectors leaves out of order
-  return _mm512_permutexvar_epi64(_mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7), v);
-}
 #else
 using Vec = __m256i;
 #define STEREOPSIS_V(name) _mm256_##name
@@ -64,10 +58,6 @@ static STEREOPSIS_INLINE Vec parts_after(Vec a, Vec after) { return _mm256_permu
 static STEREOPSIS_INLINE Vec joined_first(Vec lo, Vec hi) { return _mm256_permute2x128_si256(lo, hi, 0x20); }
 static STEREOPSIS_INLINE Vec joined_second(Vec lo, Vec hi) { return _mm256_permute2x128_si256(lo, hi, 0x31); }
 static STEREOPSIS_INLINE Vec for_unpacking(Vec v) { return _mm256_permute4x64_epi64(v, 0xD8); }
-static STEREOPSIS_INLINE Vec widened(const uint8_t* p) {
-  return _mm256_cvtepu8_epi16(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)));
-}
-static STEREOPSIS_INLINE Vec unpermuted(Vec v) { return _mm256_permute4x64_epi64(v, 0xD8); }
 #endif
 constexpr int kBytes = sizeof(Vec);
 
@@ -322,67 +312,132 @@ static void paths(const PathRow<Lane>& row) {
 
 #if defined(STEREOPSIS_BITALG)
 constexpr int kPart = 8;
+alignas(16) static const uint8_t kPairs[16] = {0, 8, 1, 9, 2, 10, 3, 11, 4, 12, 5, 13, 6, 14, 7, 15};
+// The parts of a string, each four times over.
+static STEREOPSIS_INLINE void split(uint64_t string, int, uint32_t* parts) {
+  const __m256i repeat = _mm256_setr_epi8(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4, 5, 5, 5, 5, 6, 6, 6, 6, 7, 7, 7, 7);
+  _mm256_storeu_si256(reinterpret_cast<__m256i*>(parts), _mm256_shuffle_epi8(_mm256_set1_epi64x(static_cast<long long>(string)), repeat));
+}
+// The q-th part of every string into the q-th plane, of eight: bytes of 64 strings at a time change places with the strings.
+static void split_planes(const uint64_t* strings, size_t count, int, uint8_t* planes, size_t stride) {
+  alignas(64) uint16_t collect[32];
+  for (int k = 0; k < 32; ++k) collect[k] = static_cast<uint16_t>(k % 4 * 8 + k / 4);
+  const Vec pairs = table_of(kPairs), words = load(collect);
+  for (size_t t = 0; t < count; t += 64) {
+    Vec a[8], b[8];
+    for (int k = 0; k < 8; ++k)  // eight strings: eight bytes each of planes 0, 1, ...
+      a[k] = _mm512_permutexvar_epi16(words, _mm512_shuffle_epi8(load(strings + t + 8 * k), pairs));
+    for (int k = 0; k < 8; k += 2) b[k] = _mm512_unpacklo_epi64(a[k], a[k + 1]), b[k + 1] = _mm512_unpackhi_epi64(a[k], a[k + 1]);
+    // Parts of 16 bytes: b[0], b[2], b[4], b[6] hold planes 0, 2, 4, 6, and those after them the odd ones.
+    for (int odd = 0; odd < 2; ++odd) {
+      const Vec low = _mm512_shuffle_i64x2(b[odd], b[2 + odd], 0x44), high = _mm512_shuffle_i64x2(b[odd], b[2 + odd], 0xEE);
+      const Vec low_after = _mm512_shuffle_i64x2(b[4 + odd], b[6 + odd], 0x44), high_after = _mm512_shuffle_i64x2(b[4 + odd], b[6 + odd], 0xEE);
+      store(planes + odd * stride + t, _mm512_shuffle_i64x2(low, low_after, 0x88));
+      store(planes + (2 + odd) * stride + t, _mm512_shuffle_i64x2(low, low_after, 0xDD));
+      store(planes + (4 + odd) * stride + t, _mm512_shuffle_i64x2(high, high_after, 0x88));
+      store(planes + (6 + odd) * stride + t, _mm512_shuffle_i64x2(high, high_after, 0xDD));
+    }
+  }
+}
+static STEREOPSIS_INLINE Vec part_of(uint32_t repeated) { return _mm512_set1_epi32(static_cast<int>(repeated)); }
+static STEREOPSIS_INLINE Vec differing_bits(Vec left, Vec right) { return _mm512_popcnt_epi8(_mm512_xor_si512(left, right)); }
 #else
 constexpr int kPart = 4;
-alignas(16) static const uint8_t kOnes[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
+static STEREOPSIS_INLINE void split(uint64_t string, int count, uint32_t* parts) {
+  for (int q = 0; q < count; ++q) parts[q] = static_cast<uint32_t>(string >> (kPart * q) & 15);
+}
+alignas(64) static const uint8_t kDiffering[16][16] = {
+    {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4},
+    {1, 0, 2, 1, 2, 1, 3, 2, 2, 1, 3, 2, 3, 2, 4, 3},
+    {1, 2, 0, 1, 2, 3, 1, 2, 2, 3, 1, 2, 3, 4, 2, 3},
+    {2, 1, 1, 0, 3, 2, 2, 1, 3, 2, 2, 1, 4, 3, 3, 2},
+    {1, 2, 2, 3, 0, 1, 1, 2, 2, 3, 3, 4, 1, 2, 2, 3},
+    {2, 1, 3, 2, 1, 0, 2, 1, 3, 2, 4, 3, 2, 1, 3, 2},
+    {2, 3, 1, 2, 1, 2, 0, 1, 3, 4, 2, 3, 2, 3, 1, 2},
+    {3, 2, 2, 1, 2, 1, 1, 0, 4, 3, 3, 2, 3, 2, 2, 1},
+    {1, 2, 2, 3, 2, 3, 3, 4, 0, 1, 1, 2, 1, 2, 2, 3},
+    {2, 1, 3, 2, 3, 2, 4, 3, 1, 0, 2, 1, 2, 1, 3, 2},
+    {2, 3, 1, 2, 3, 4, 2, 3, 1, 2, 0, 1, 2, 3, 1, 2},
+    {3, 2, 2, 1, 4, 3, 3, 2, 2, 1, 1, 0, 3, 2, 2, 1},
+    {2, 3, 3, 4, 1, 2, 2, 3, 1, 2, 2, 3, 0, 1, 1, 2},
+    {3, 2, 4, 3, 2, 1, 3, 2, 2, 1, 3, 2, 1, 0, 2, 1},
+    {3, 4, 2, 3, 2, 3, 1, 2, 2, 3, 1, 2, 1, 2, 0, 1},
+    {4, 3, 3, 2, 3, 2, 2, 1, 3, 2, 2, 1, 2, 1, 1, 0}};
+static void split_planes(const uint64_t* STEREOPSIS_RESTRICT strings, size_t count, int parts, uint8_t* planes, size_t stride) {
+  for (int q = 0; q < parts; ++q) {
+    uint8_t* STEREOPSIS_RESTRICT plane = planes + q * stride;
+    for (size_t t = 0; t < count; ++t) plane[t] = static_cast<uint8_t>(strings[t] >> (kPart * q) & 15);
+  }
+}
+static STEREOPSIS_INLINE Vec part_of(uint32_t part) { return table_of(kDiffering[part]); }
+static STEREOPSIS_INLINE Vec differing_bits(Vec table, Vec right) { return STEREOPSIS_V(shuffle_epi8)(table, right); }
 #endif
 
-static void hamming(const HammingRow& given) {
-  const HammingRow row = given;
-  // Of the last word 8, 4 or 2 bytes: enough for 9 x 7, for 5 x 5 or 7 x 5 sparse, for 3 x 3 or a center-symmetric window.
-  const int rest = (row.bits - 1) % 64 + 1, bytes = rest > 32 ? 8 : rest > 16 ? 4 : 2;
-  const int parts = (row.bits - rest + 8 * bytes) / kPart, last = row.width - 1;
-  const size_t reach = row.width + 2 * row.room + kSgmBlock;
-  // The parts of the right strings, from right to left, each in a plane of its own.
-  uint64_t* STEREOPSIS_RESTRICT strings = reinterpret_cast<uint64_t*>(row.scratch);
-  uint8_t* const planes = row.scratch + 8 * reach;
-  for (int q = 0; q < parts; ++q) {
-    const int shift = kPart * q % 64;
-    if (shift == 0) {
-      const uint64_t* STEREOPSIS_RESTRICT from = row.right + (kPart * q / 64) * row.plane;
-      for (size_t t = 0; t < row.room; ++t) strings[t] = from[last];
-      for (int x = 0; x <= last; ++x) strings[row.room + x] = from[last - x];
-      for (size_t t = row.room + row.width; t < reach; ++t) strings[t] = from[0];
-    }
-    uint8_t* STEREOPSIS_RESTRICT plane = planes + q * reach;
-    for (size_t t = 0; t < reach; ++t) plane[t] = static_cast<uint8_t>(strings[t] >> shift & ((1 << kPart) - 1));
+// The distances of the bits of one word, in Parts planes `stride` apart, added to those of the words before where Added. Right
+// pixel and candidate move on together, so a pixel's candidates lie side by side.
+template <int Parts, bool Added>
+static STEREOPSIS_INLINE void hamming_word(const uint8_t* STEREOPSIS_RESTRICT right, ptrdiff_t stride, const uint32_t* STEREOPSIS_RESTRICT left,
+                                           size_t room, uint8_t* STEREOPSIS_RESTRICT costs) {
+  Vec here[Parts];
+  unrolled<Parts>([&](auto q) STEREOPSIS_INLINE_LAMBDA { here[q] = part_of(left[q]); });
+  for (size_t i = 0; i < room; i += kBytes) {
+    Vec sum = Added ? load(costs + i) : zero();
+    unrolled<Parts>([&](auto q) STEREOPSIS_INLINE_LAMBDA {
+      const Vec differing = differing_bits(here[q], load(right + static_cast<ptrdiff_t>(q) * stride + i));
+      sum = q == 0 && !Added ? differing : STEREOPSIS_V(add_epi8)(sum, differing);
+    });
+    store(costs + i, sum);
   }
-#if !defined(STEREOPSIS_BITALG)
-  alignas(16) uint8_t tables[16][16];
-  for (int l = 0; l < 16; ++l)
-    for (int r = 0; r < 16; ++r) tables[l][r] = kOnes[l ^ r];
-#endif
+}
+
+template <int Parts, bool Added>
+static void hamming_plane(const HammingRow& row, const uint8_t* planes, ptrdiff_t given_stride, const uint32_t* left) {
+  const int last = row.width - 1, margin = row.margin;
+  const ptrdiff_t room = static_cast<ptrdiff_t>(row.room), most = row.width + room;
+  const ptrdiff_t origin = ptrdiff_t{last} + row.first + room;
+  const int16_t* const shift = row.shift;
   uint8_t* costs = row.costs;
-  for (int column = -row.margin; column < row.width + row.margin; ++column, costs += row.room) {
-    const int x = static_cast<int>(clamp(column, 0, last));
-    const ptrdiff_t at = ptrdiff_t{last} - column + row.first + (row.shift ? row.shift[x] : 0) + static_cast<ptrdiff_t>(row.room);
-    const uint8_t* right = planes + clamp(at, 0, row.width + static_cast<ptrdiff_t>(row.room));
-    // A word of 64 bits after the other.
-    for (int begin = 0; begin < parts; begin += 64 / kPart, right += 64 / kPart * reach) {
-      const uint64_t string = row.left[(kPart * begin / 64) * row.plane + x];
-      const auto word = [&](auto count) STEREOPSIS_INLINE_LAMBDA {
-        for (size_t i = 0; i < row.room; i += kBytes) {
-          Vec sum = begin ? load(costs + i) : zero();
-          unrolled<decltype(count)::value>([&](auto q) STEREOPSIS_INLINE_LAMBDA {
-            const uint64_t part = string >> (kPart * q);
-            const Vec there = load(right + q * reach + i);
-#if defined(STEREOPSIS_BITALG)
-            const Vec differing = _mm512_popcnt_epi8(_mm512_xor_si512(_mm512_set1_epi8(static_cast<char>(part)), there));
-#else
-            const Vec differing = STEREOPSIS_V(shuffle_epi8)(table_of(tables[part & 15]), there);
-#endif
-            sum = STEREOPSIS_V(add_epi8)(sum, differing);
-          });
-          store(costs + i, sum);
-        }
-      };
-      if (parts - begin >= 64 / kPart)
-        word(Constant<64 / kPart>{});
-      else if (bytes == 4)
-        word(Constant<32 / kPart>{});
-      else
-        word(Constant<16 / kPart>{});
+  // With a distance that is known beforehand, one register points to all planes.
+  const auto each = [&](auto stride) STEREOPSIS_INLINE_LAMBDA {
+    for (int column = -margin; column <= last + margin; ++column, costs += room) {
+      const int x = static_cast<int>(clamp(column, 0, last));
+      const ptrdiff_t at = clamp(origin - column + (shift ? shift[x] : 0), 0, most);
+      hamming_word<Parts, Added>(planes + at, stride, left + static_cast<ptrdiff_t>(x) * (64 / kPart), room, costs);
     }
+  };
+  if (given_stride == kPlaneStride)
+    each(std::integral_constant<ptrdiff_t, kPlaneStride>{});
+  else
+    each(given_stride);
+}
+
+static void hamming(const HammingRow& row) {
+  // Of the last word 8, 4 or 2 bytes: enough for 9 x 7, for 5 x 5 or 7 x 5 sparse, for 3 x 3 or a center-symmetric window.
+  const int rest = (row.bits - 1) % 64 + 1, bytes = rest > 32 ? 8 : rest > 16 ? 4 : 2, last = row.width - 1;
+  const size_t reach = hamming_reach(row.width, row.room), stride = hamming_stride(row.width, row.room);
+  // The right strings from right to left; their parts, each in a plane of its own; and those of the left ones, a word each.
+  uint64_t* STEREOPSIS_RESTRICT strings = reinterpret_cast<uint64_t*>(row.scratch);
+  uint32_t* STEREOPSIS_RESTRICT left = reinterpret_cast<uint32_t*>(row.scratch + 8 * reach);
+  uint8_t* const planes = row.scratch + 8 * reach + 4 * (64 / kPart) * static_cast<size_t>(row.width);
+  for (int begin = 0; begin < row.bits; begin += 64) {
+    const uint64_t* STEREOPSIS_RESTRICT from = row.right + begin / 64 * row.plane;
+    const uint64_t* STEREOPSIS_RESTRICT mine = row.left + begin / 64 * row.plane;
+    const int parts = (begin + 64 < row.bits ? 64 : 8 * bytes) / kPart;
+    for (size_t t = 0; t < row.room; ++t) strings[t] = from[last];
+    for (int x = 0; x <= last; ++x) strings[row.room + x] = from[last - x];
+    for (size_t t = row.room + row.width; t < reach; ++t) strings[t] = from[0];
+    split_planes(strings, reach, parts, planes, stride);
+    for (int x = 0; x <= last; ++x) split(mine[x], parts, left + static_cast<size_t>(x) * (64 / kPart));
+    const auto kernel = [&](auto count) STEREOPSIS_INLINE_LAMBDA {
+      constexpr int all = decltype(count)::value;
+      (begin ? hamming_plane<all, true> : hamming_plane<all, false>)(row, planes, static_cast<ptrdiff_t>(stride), left);
+    };
+    if (parts == 64 / kPart)
+      kernel(Constant<64 / kPart>{});
+    else if (parts == 32 / kPart)
+      kernel(Constant<32 / kPart>{});
+    else
+      kernel(Constant<16 / kPart>{});
   }
 }
 
@@ -393,27 +448,31 @@ static void aggregate(const AggregateRow& row) {
   const __m128i shift = _mm_cvtsi32_si128(row.unit);
   Lane* out = static_cast<Lane*>(row.costs);
   for (size_t i = 0; i < row.room; i += kBytes) {
-    Vec one[2], two[2];
-    const auto column = [&](size_t at, int part) {
-      at += part * half;
-      return STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(widened(row.above + at), widened(row.here + at)), widened(row.below + at));
+    // Three distances fit a byte (kMostAggregatedBits); their sums are kept in the order of unpacking, as words.
+    const auto column = [&](size_t at, Vec* words) {
+      const Vec sum = STEREOPSIS_V(add_epi8)(STEREOPSIS_V(add_epi8)(load(row.above + at), load(row.here + at)), load(row.below + at));
+      words[0] = STEREOPSIS_V(unpacklo_epi8)(sum, zero());
+      words[1] = STEREOPSIS_V(unpackhi_epi8)(sum, zero());
     };
-    for (int part = 0; part < 2; ++part) one[part] = column(i, part), two[part] = column(row.room + i, part);
+    Vec one[2], two[2], next[2], total[2], sum[2];
+    column(i, one);
+    column(row.room + i, two);
+    for (int part = 0; part < 2; ++part) total[part] = STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(one[part], two[part]), rounding);
     for (int x = 0; x < row.width; ++x) {
-      Vec sum[2];
+      column((x + 2) * row.room + i, next);
       for (int part = 0; part < 2; ++part) {
-        const Vec next = column((x + 2) * row.room + i, part);
-        sum[part] = STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(one[part], two[part]), STEREOPSIS_V(add_epi16)(next, rounding));
-        sum[part] = STEREOPSIS_V(srl_epi16)(sum[part], shift);
+        total[part] = STEREOPSIS_V(add_epi16)(total[part], next[part]);
+        sum[part] = STEREOPSIS_V(srl_epi16)(total[part], shift);
+        total[part] = STEREOPSIS_V(sub_epi16)(total[part], one[part]);
         one[part] = two[part];
-        two[part] = next;
+        two[part] = next[part];
       }
       Lane* to = out + x * row.room + i;
       if constexpr (sizeof(Lane) == 1) {
-        store(to, unpermuted(STEREOPSIS_V(packus_epi16)(sum[0], sum[1])));
+        store(to, STEREOPSIS_V(packus_epi16)(sum[0], sum[1]));
       } else {
-        store(to, sum[0]);
-        store(to + half, sum[1]);
+        store(to, joined_first(sum[0], sum[1]));
+        store(to + half, joined_second(sum[0], sum[1]));
       }
     }
   }
@@ -643,10 +702,29 @@ static void winners(const WinnerRow& row) {
     }
 }
 
+static uint16_t least_between(const uint16_t* sums, int begin, int end) {
+  uint16_t best = 65535;
+  for (int i = begin; i < end; ++i) best = sums[i] < best ? sums[i] : best;
+  return best;
+}
+
+static Beyond hide(uint16_t* sums, int lo, int hi, int count) {
+  lo = lo < hi ? lo : hi;
+  const uint16_t before = least_between(sums, 0, lo), after = least_between(sums, hi, count);
+  Beyond found{-1, before < after ? before : after};
+  if (found.sum < least_between(sums, lo, hi)) {
+    found.index = before <= after ? 0 : hi;
+    while (sums[found.index] != found.sum) ++found.index;
+  }
+  for (int i = 0; i < lo; ++i) sums[i] = 65535;
+  for (int i = hi; i < count; ++i) sums[i] = 65535;
+  return found;
+}
+
 }  // namespace
 
 extern const SgmKernels sgm;
-const SgmKernels sgm = {hamming, aggregate<uint8_t>, aggregate<uint16_t>, paths<uint8_t>, paths<uint16_t>, winners};
+const SgmKernels sgm = {hamming, aggregate<uint8_t>, aggregate<uint16_t>, paths<uint8_t>, paths<uint16_t>, winners, hide};
 
 }  // namespace STEREOPSIS_ISA
 }  // namespace stereopsis

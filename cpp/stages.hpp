@@ -202,8 +202,8 @@ void match_gaussian(const Pair& pair, const FusedSettings& settings, const Gauss
 
 // ---- validate --------------------------------------------------------------------------------------------------------
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.
-void texture(const int32_t* image, int height, int width, int channels, const Window& window, float* mean,
-             const Workers& workers);
+template <class T>
+void texture(const T* image, int height, int width, int channels, const Window& window, float* mean, const Workers& workers);
 // Sets `speckle` where a 4-connected region, in which neighbours differ by at most `difference`, has fewer than `area` pixels.
 void speckle(const float* disparity, int height, int width, int area, float difference, uint8_t* speckle,
              const Workers& workers);
@@ -269,6 +269,10 @@ void align_intervals(const AlignedPair& pair, const Window& window, int steps, c
                      const Workers& workers);
 
 // ---- fill ------------------------------------------------------------------------------------------------------------
+// Each row's holes with the lower of their two neighbours on it; rows without any answer above all others and below all others
+// like the nearest one.
+template <class T>
+void background(const T* disparity, int height, int width, T* filled, const Workers& workers);
 // From the nearest answers in eight directions: the second lowest where `occluded`, else their median.
 void interpolate(const float* disparity, const uint8_t* occluded, int height, int width, float* filled, const Workers& workers);
 // Surfaces go on into holes: what surrounds a hole, smoothed along the guide's edges, where it agrees; else the lower side.

@@ -229,7 +229,7 @@ def test_speed_on_the_command_line(folder, tmp_path, capsys: Capture):
     out = capsys.readouterr().out
     assert "96 x 48, disparities 0:24, 2 rounds" in out
     assert "| method, 1 thread | ms | 2 threads ÷ 1 |" in out
-    assert "fast, ms a stage: vertical " in out
+    assert "fast, ms a stage: read " in out
     assert file.read_text(encoding="utf-8").startswith(
         "method,what,median,low quartile,high quartile\nfast,seconds,"
     )

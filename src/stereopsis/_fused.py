@@ -19,6 +19,9 @@ MOST_AGGREGATED: int = _core.most_aggregated_bits
 SUBPIXEL = (None, "parabola", "equiangular")
 """In the core's order."""
 
+Found = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]
+"""Disparity, confidence and flags, (H, W) each."""
+
 
 def instruction_sets() -> list[str]:
     """Instruction sets that this build has and this machine can run, best first."""
@@ -40,7 +43,7 @@ def match(
     uniqueness: float | None,
     threads: int,
     cost: npt.NDArray[np.float32] | None = None,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+) -> Found:
     """Disparity, confidence and flags, (H, W) each. Some candidate of the range has to be in view.
 
     Where an array is given for it, `cost` receives the winner's; infinity where no candidate is in view.
@@ -105,7 +108,7 @@ def match_gaussian(
     left_right: float | None,
     uniqueness: float | None,
     threads: int,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+) -> Found:
     """Disparity, confidence and flags, (H, W) each, with windows weighted by a Gaussian.
 
     The time hardly grows with sigma. Some candidate of the range has to be in view.
@@ -179,7 +182,7 @@ def match_sgm(
     shift: npt.NDArray[np.int16] | None = None,
     winning_cost: npt.NDArray[np.float32] | None = None,
     left_strings: npt.NDArray[np.uint64] | None = None,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+) -> Found:
     """Disparity, confidence and flags, (H, W) each, of semi-global matching with census costs.
 
     No volume is held; what is takes about a quarter of the memory of the 16-bit sums. Some candidate of the

@@ -14,7 +14,7 @@ from stereopsis.types import DisparityMap, Flag
 Float = TypeVar("Float", bound=np.floating[Any])
 
 
-def background(disparity: npt.NDArray[Float]) -> npt.NDArray[Float]:
+def background(disparity: npt.NDArray[Float], threads: int = 1) -> npt.NDArray[Float]:
     """Fill every hole with the farther of its two neighbours on the row, as the KITTI development kit does.
 
     A hole is a run of invalid pixels on a row. Between two answered pixels it takes the smaller of their
@@ -26,6 +26,8 @@ def background(disparity: npt.NDArray[Float]) -> npt.NDArray[Float]:
     ----------
     disparity : ndarray of float32 or float64, (H, W)
         Disparity in pixels; NaN or infinite where invalid. Not changed.
+    threads : int
+        0: all cores.
 
     Returns
     -------
@@ -50,27 +52,10 @@ def background(disparity: npt.NDArray[Float]) -> npt.NDArray[Float]:
         raise TypeError(f"disparity must be float32 or float64, not {disparity.dtype}")
     if disparity.ndim != 2:
         raise ValueError(f"disparity must be (H, W), not of shape {disparity.shape}")
-    if not disparity.size:
-        return disparity.copy()
-
-    filled: npt.NDArray[Float] = np.fmin(_from_left(disparity), _from_left(disparity[:, ::-1])[:, ::-1])
-    # Each row is now answered throughout or not at all, so its first column tells.
-    answered = np.flatnonzero(np.isfinite(filled[:, 0]))
-    if answered.size:
-        first, last = answered[0], answered[-1]
-        filled[:first] = filled[first]
-        filled[last + 1 :] = filled[last]
+    filled = np.empty(disparity.shape, disparity.dtype)
+    if disparity.size:
+        _core.background(np.ascontiguousarray(disparity), filled, threads)
     return filled
-
-
-def _from_left(disparity: npt.NDArray[Float]) -> npt.NDArray[Float]:
-    """Give each pixel the last answer at or before it on its row; NaN where there is none."""
-    valid = np.isfinite(disparity)
-    source = np.where(valid, np.arange(disparity.shape[1]), -1)
-    np.maximum.accumulate(source, axis=1, out=source)
-    carried = np.take_along_axis(disparity, np.maximum(source, 0), axis=1)
-    carried[source < 0] = np.nan
-    return carried
 
 
 OCCLUDED = Flag.OCCLUDED | Flag.OUT_OF_VIEW

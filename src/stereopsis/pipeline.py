@@ -5,7 +5,6 @@ read → cost → aggregate → optimize → select → validate → refine → 
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -53,10 +52,13 @@ from stereopsis.types import (
     worst_cost,
 )
 
+Floats = npt.NDArray[np.float32]
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
 SMOOTHED = 32
 """How far around a tile its neighbours are smoothed with it, in pixels."""
+RUN_UP = 16
+"""Rows above the ground from which paths go down to it."""
 FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine"})
 """Sub-pixel methods that need the images, not the costs."""
 
@@ -206,13 +208,10 @@ def match(
             chosen = chosen.changed(
                 disparities=estimate_disparities(pair.left, pair.right, threads=chosen.threads)
             )
+    pixels = None
     if chosen.vertical == "estimate":
-        with _timed(timings, "vertical"):
-            lies = estimate_vertical(
-                pair.left, pair.right, cast(Disparities, chosen.disparities), threads=chosen.threads
-            )
-            chosen = chosen.changed(vertical=lies)
-    return _match(pair, chosen, start, timings)
+        chosen, pixels = _with_vertical(pair, chosen, timings)
+    return _match(pair, chosen, start, timings, pixels)
 
 
 def _match(
@@ -418,39 +417,61 @@ def _semi_global(
 
     Each pixel takes the answer of the smaller sum of path costs.
     """
-    width = pixels.left.shape[1]
+    height, width = pixels.left.shape[:2]
     census = cast(pixelwise.Census, chosen.cost)
     checks = _fit(chosen.subpixel), chosen.left_right, chosen.uniqueness, chosen.threads
-    best = slant.Hypothesis.nothing((pixels.left.shape[0], width))
     with _timed(timings, "cost"):
         strings = pixelwise.census(pixels.left[..., 0], census.comparisons, chosen.threads)
 
-    def along(plane: slant.Plane, view: cost.Pixels, candidates: Disparities, number: int) -> None:
-        costs = np.empty(view.left.shape[:2], np.float32)
-        winners = _fused.match_sgm(
-            census, view, candidates, solver, *checks, winning_cost=costs, left_strings=strings
+    def winners(view: cost.Pixels, candidates: Disparities, begin: int = 0) -> tuple[_fused.Found, Floats]:
+        """Match the rows from `begin`, which are what `view` holds; the winners, and their sums."""
+        sums = np.empty(view.left.shape[:2], np.float32)
+        own = np.ascontiguousarray(strings[:, begin:])
+        found = _fused.match_sgm(
+            census, view, candidates, solver, *checks, winning_cost=sums, left_strings=own
         )
-        # A sum of path costs counts as it is, as a squared difference does.
-        kind, floor = cost.KINDS.index("ssd"), -math.inf if plane == slant.LEVEL else seen.min
-        slant.merge_pass(
-            best, winners, costs, kind, plane, number, 1.0, seen, chosen.threads, floor=floor, beyond=True
-        )
+        return found, sums
 
     with _timed(timings, "match"):
-        along(slant.LEVEL, pixels, seen, 0)
-    ground = None
+        (disparity, confidence, flags), sums = winners(pixels, seen)
+    ground, plane = None, np.zeros((height, width), np.uint8)
     if chosen.slant is not None:
         with _timed(timings, "planes"):
-            ground = slant.road(np.where(best.flags == 0, best.disparity, np.float32(np.nan)), census.size)
+            ground = slant.road(np.where(flags == 0, disparity, np.float32(np.nan)), census.size)
     if ground is not None:
         with _timed(timings, "match along the ground"):
-            views = slant.warped(pixels.left, pixels.right, ground, 0, chosen.threads, floor=seen.min)
+            # Above the horizon this pass would be the first one again.
+            top = ground.first_row_above(seen.min, (height, width))
+            begin = max(0, top - RUN_UP)
+            views = slant.warped(
+                pixels.left[begin:],
+                pixels.right[begin:],
+                ground.from_row(begin),
+                0,
+                chosen.threads,
+                floor=seen.min,
+            )
             candidates = Disparities(-slant.MARGIN, max(slant.MARGIN, seen.span - slant.MARGIN))
-            along(ground, cost.Pixels(*views, pixels.step), candidates, 1)
+            found, other_sums = winners(cost.Pixels(*views, pixels.step), candidates, begin)
+            # A sum of path costs counts as it is, as a squared difference does: as cost and misfit at once.
+            best = slant.Hypothesis(disparity, confidence, sums, sums, flags, plane)
+            skip = top - begin
+            slant.merge_pass(
+                best.from_row(top),
+                (found[0][skip:], found[1][skip:], found[2][skip:]),
+                other_sums[skip:],
+                cost.KINDS.index("ssd"),
+                ground.from_row(top),
+                1,
+                1.0,
+                seen,
+                chosen.threads,
+                floor=seen.min,
+                beyond=True,
+            )
     if "planes" in chosen.keep:
         stages["planes"] = np.array([] if ground is None else [ground], np.float64).reshape(-1, 3)
-        stages["plane"] = best.plane
-    disparity, confidence, flags = best.disparity, best.confidence, best.flags
+        stages["plane"] = plane
     if chosen.planar is not None:
         stages["winners"], stages["sharpness"] = disparity.copy(), confidence.copy()
     _refuse(flags != 0, Flag(0), disparity, confidence, flags)
@@ -943,9 +964,23 @@ def estimate_vertical(
     Vertical
         Zero where the field is not significant, or too small to be worth undoing.
     """
-    pixels = cost.pixels(left, right, "grey", threads)
-    width = left.shape[1]
-    seen, count = _in_view(settings.as_disparities(disparities), width, 1), rectify.levels(width)
+    return _vertical(cost.pixels(left, right, "grey", threads), settings.as_disparities(disparities), threads)
+
+
+def _with_vertical(
+    pair: Pair, chosen: Settings, timings: dict[str, float]
+) -> tuple[Settings, cost.Pixels | None]:
+    """The settings with what was found, and the pixels that were read where these are those to match."""
+    with _timed(timings, "read"):
+        pixels = cost.pixels(pair.left, pair.right, "grey", chosen.threads)
+    with _timed(timings, "vertical"):
+        lies = _vertical(pixels, cast(Disparities, chosen.disparities), chosen.threads)
+    return chosen.changed(vertical=lies), pixels if chosen.channels == "grey" else None
+
+
+def _vertical(pixels: cost.Pixels, disparities: Disparities, threads: int) -> Vertical:
+    width = pixels.left.shape[1]
+    seen, count = _in_view(disparities, width, 1), rectify.levels(width)
     mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count) for image in pixels[:2])
     rows, columns = mine[-1].shape
     coarse = None
@@ -955,7 +990,7 @@ def estimate_vertical(
         return Vertical(0.0)
     last = cost.Pixels(mine[-1][..., None], other[-1][..., None], 1.0)
     first, _, _ = _fused.match("zncc", last, coarse, (15, 7), "parabola", 1.0, 5.0, threads)
-    return rectify.fit(rectify.sights(mine, other, first, threads), left.shape)
+    return rectify.fit(rectify.sights(mine, other, first, threads), pixels.left.shape)
 
 
 def _shrunk(image: Image, factor: int) -> Image:
@@ -1047,9 +1082,9 @@ def _refuse(
     confidence: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
 ) -> None:
-    disparity[where] = np.nan
-    confidence[where] = 0
-    flags[where] |= np.uint8(flag)
+    np.copyto(disparity, np.float32(np.nan), where=where)
+    np.copyto(confidence, 0, where=where)
+    flags |= where.view(np.uint8) * np.uint8(flag)
 
 
 @contextmanager

@@ -45,6 +45,8 @@ FEWEST = 40
 """Points that a field needs."""
 SLOPE = 0.5
 """What a slope is expected to be, in pixels from edge to edge: few points are no reason for a steep one."""
+SETTLED = 2e-5
+"""Pixels by which a last iteration changes the field."""
 SIGNIFICANT = 4.0
 """A field counts where its root mean square is so many times its own deviation,"""
 LEAST = 0.08
@@ -197,15 +199,18 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
         return none
     height, width = shape[:2]
     across, down = seen.x / max(1, width - 1) - 0.5, seen.y / max(1, height - 1) - 0.5
-    terms = np.stack((np.ones_like(across), across, down), axis=1)
+    terms = np.stack((np.ones_like(across), across, down))
     found = np.array([np.median(seen.rows), 0.0, 0.0])
     prior = np.diag([0.0, SLOPE**-2, SLOPE**-2])
     for _ in range(20):
-        rest = seen.rows - terms @ found
+        # Sums without a linear algebra library, which starts threads for as little as this.
+        rest = seen.rows - (terms * found[:, None]).sum(axis=0)
         scale = max(float(1.4826 * np.median(np.abs(rest))), 0.01)
-        weights = (1 + (rest / (2 * scale)) ** 2) ** -2
-        normal = terms.T @ (weights[:, None] * terms) + scale**2 * prior
-        found = np.linalg.solve(normal, terms.T @ (weights * seen.rows))
+        weighted = terms * (1 / (1 + (rest / (2 * scale)) ** 2) ** 2)
+        normal = (weighted[:, None] * terms).sum(axis=2) + scale**2 * prior
+        before, found = found, np.linalg.solve(normal, (weighted * seen.rows).sum(axis=1))
+        if np.abs(found - before).max() < SETTLED:
+            break
     # Weights like these use the points about half as well as least squares would; neighbours err alike.
     spread = 4 * scale**2 * np.linalg.inv(normal)
     # Over the image a coordinate from -1/2 to 1/2 has a mean square of 1/12.

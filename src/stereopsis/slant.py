@@ -50,6 +50,16 @@ class Plane(NamedTuple):
         a, b, c = (value / (1 - self.a) for value in self)
         return Plane(-a, b, c + a * (width - 1))
 
+    def from_row(self, row: int) -> Plane:
+        """The same plane, rows being counted from that one."""
+        return Plane(self.a, self.b, self.c + self.b * row)
+
+    def first_row_above(self, disparity: float, shape: tuple[int, int]) -> int:
+        """The first row of (H, W) with a pixel of the plane above a disparity; 0 where none is."""
+        rows = np.arange(shape[0])
+        highest = self.b * rows + self.c + max(0.0, self.a * (shape[1] - 1))
+        return int(np.argmax(highest > disparity))
+
 
 LEVEL = Plane(0.0, 0.0, 0.0)
 """No warp: fronto-parallel windows, as matching without slant has them."""
@@ -243,6 +253,13 @@ class Hypothesis(NamedTuple):
         out_of_view = np.full(shape, Flag.OUT_OF_VIEW, np.uint8)
         return cls(
             every(np.nan), every(0), every(np.inf), every(np.inf), out_of_view, np.zeros(shape, np.uint8)
+        )
+
+    def from_row(self, row: int) -> Hypothesis:
+        """What is believed of that row and those below, the same memory."""
+        disparity, confidence, cost, misfit, flags, plane = self
+        return Hypothesis(
+            disparity[row:], confidence[row:], cost[row:], misfit[row:], flags[row:], plane[row:]
         )
 
 

@@ -147,7 +147,7 @@ def texture(image: npt.NDArray[Any], window: tuple[int, int], threads: int = 0) 
         Grey levels a pixel.
     """
     mean = np.empty(image.shape[:2], np.float32)
-    _core.texture(np.ascontiguousarray(image, np.int32), *window, mean, threads)
+    _core.texture(np.ascontiguousarray(image), *window, mean, threads)
     return mean
 
 

@@ -177,7 +177,7 @@ class TestMiddlebury:
 class TestOpen:
     def test_says_what_it_looked_for(self, tmp_path):
         (tmp_path / "readme.txt").write_text("nothing")
-        with pytest.raises(ValueError, match="holds no data set") as refusal:
+        with pytest.raises(ValueError, match="holds no benchmark") as refusal:
             datasets.open(tmp_path)
         text = str(refusal.value)
         assert text.startswith(str(tmp_path))

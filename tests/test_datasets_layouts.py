@@ -479,7 +479,7 @@ class TestVirtualKitti:
         )
         assert found[0].truth()[1, 0] == pytest.approx(386.2303, abs=1e-4)
         assert found[0].truth()[0, 2] == pytest.approx(1, abs=1e-4)
-        # Row 0: 2 - 1 = 1 agrees; 3 - 2 = 1 has 1 there, off by a hair more than a pixel. Row 1: 386 is outside.
+        # Row 0: 2 - 1 = 1 agrees; 3 - 2 = 1 has 1 there, off by a hair more than 1. Row 1: 386 is outside.
         same(found[0].mask(), [False, False, True, False], [False, True, True, False])
         assert found[1].truth() is None
         assert found[0].calibration() == found[1].calibration()

@@ -127,7 +127,7 @@ def open(path: str | os.PathLike[str]) -> Dataset:
             ordered = sorted(found, key=lambda sample: sample.name)
             return Dataset(layout.NAME, place, _unique(place, ordered))
     sought = "".join(f"\n  {layout.NAME}: {layout.LAYOUT}" for layout in (*layouts, table))
-    raise ValueError(f"{place} holds no data set in a layout known here; looked for{sought}")
+    raise ValueError(f"{place} holds no benchmark in a layout known here; looked for{sought}")
 
 
 def _unique(place: Path, samples: Iterable[Sample]) -> tuple[Sample, ...]:

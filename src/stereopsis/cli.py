@@ -298,7 +298,7 @@ def evaluate(
 
 
 @commands.command()
-@click.argument("file", type=_INPUT, required=False)
+@click.argument("file", type=click.Path(exists=True, path_type=Path), required=False)
 @_json
 def info(file: Path | None, as_json: bool) -> None:
     """Say what a file holds, and what this program is made of.
@@ -307,12 +307,12 @@ def info(file: Path | None, as_json: bool) -> None:
       stereopsis info
       stereopsis info disparity.png
       stereopsis info calib.txt --json
+      stereopsis info kitti2015
 
-    FILE may be a disparity map, an image, a calibration or a .ply point cloud.
+    FILE may be a disparity map, an image, a calibration, a .ply point cloud, or a data set: its folder, or a
+    .csv or .parquet table of paths.
     """
-    from stereopsis import io
-
-    described = io.describe(file) if file else {}
+    described = _contents(file) if file else {}
     program = _program()
     if as_json:
         _print_json({**described, "program": program})
@@ -703,6 +703,14 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
         raise ValueError(f"{path} is no mask: it holds other values than 0, 128 and 255, or 0 and 1")
     white: npt.NDArray[np.bool_] = picture == (255 if values - {0, 1} else 1)
     return white
+
+
+def _contents(path: Path) -> dict[str, Any]:
+    """What a file or a data set holds."""
+    from stereopsis import datasets, io
+
+    is_data_set = path.is_dir() or path.suffix.lower() in (".csv", ".parquet")
+    return datasets.open(path).describe() if is_data_set else io.describe(path)
 
 
 def _size(pixels: npt.NDArray[Any]) -> str:

@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 from stereopsis.datasets.sample import Sample, check_name
 
@@ -47,6 +47,20 @@ class Dataset(Sequence[Sample]):
     def __getitem__(self, index: slice) -> tuple[Sample, ...]: ...
     def __getitem__(self, index: int | slice) -> Sample | tuple[Sample, ...]:
         return self.samples[index]
+
+    def describe(self) -> dict[str, Any]:
+        """What the data set holds, ready for JSON: names, and numbers of pairs. Nothing is read."""
+        return {
+            "folder": str(self.folder),
+            "kind": "data set",
+            "name": self.name,
+            "pairs": len(self),
+            "with_truth": sum(sample.truth_file is not None for sample in self),
+            "with_mask": sum(sample.read_mask is not None for sample in self),
+            "with_calibration": sum(bool(sample.calibration_file or sample.geometry) for sample in self),
+            "first": self[0].name,
+            "last": self[-1].name,
+        }
 
 
 def open(path: str | os.PathLike[str]) -> Dataset:

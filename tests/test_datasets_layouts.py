@@ -67,17 +67,37 @@ def driving(root, kind, place, size, truth=True):
 
 
 class TestDrivingStereo:
+    @pytest.mark.parametrize("line", ["T_103: 0 0 0", "T_103: 0 0", ""])
+    def test_a_broken_calibration_is_named(self, tmp_path, line):
+        driving(tmp_path, "train-", SEQUENCE, "")
+        file = tmp_path / "half-image-calib" / "half-image-calib" / f"{SEQUENCE}.txt"
+        file.parent.mkdir(parents=True)
+        file.write_text(
+            "R_101: 1 0 0 0 1 0 0 0 1\nT_101: 0 0 0\nR_103: 1 0 0 0 1 0 0 0 1\n"
+            "P_rect_101: 9 0 4 0 0 9 2 0 0 0 1 0\nP_rect_103: 9 0 4 0 0 9 2 0 0 0 1 0\n" + line
+        )
+        with pytest.raises(
+            ValueError, match=rf"{SEQUENCE}\.txt: the (baseline is 0|calibration has no T_103)"
+        ):
+            datasets.open(tmp_path)[0].calibration()
+
     def test_train(self, tmp_path):
         driving(tmp_path, "train-", SEQUENCE, "")
         (tmp_path / "half-image-calib").mkdir()
         (tmp_path / "half-image-calib" / f"{SEQUENCE}.txt").write_text(
-            "calib_time: 2018\nS_rect_101: 999 999\n" + PROJECTIONS.format("P_rect_101", "P_rect_103")
+            "calib_time: 09-Jul-2018 16:11:56\nS_rect_101: 999 999\n"
+            # Cameras stand at -R'T: the left one at x = -0.1, the right one, turned by 90 degrees, at 0.44.
+            "R_101: 1 0 0 0 1 0 0 0 1\nT_101: 0.1 0 0\nR_103: 0 0 1 0 1 0 -1 0 0\nT_103: 0 0 0.44\n"
+            "P_rect_101: 1000 0 460 0 0 1000 200 0 0 0 1 0\n"
+            "P_rect_103: 1000 0 463 -1080 0 1000 200 0 0 0 1 0\n"
         )
         found = datasets.open(tmp_path)
         assert found.name == "DrivingStereo"
         assert names(found) == [f"train/{SEQUENCE}/{FRAME}"]
         same(found[0].truth(), [1, N, 2.5, 1 / 256], [1 / 256] * 4)
-        assert found[0].calibration().baseline == pytest.approx(0.54)
+        camera = found[0].calibration()
+        assert (camera.focal, camera.cx, camera.cy, camera.doffs) == (1000, 460, 200, 3)
+        assert camera.baseline == pytest.approx(0.54)
         pair = found[0].pair()
         assert (int(pair.left[0, 0]), int(pair.right[0, 0])) == (10, 11)
         assert names(datasets.open(tmp_path / "train-left-image")) == [f"{SEQUENCE}/{FRAME}"]
@@ -351,6 +371,15 @@ class TestETH3D:
         same(found[0].truth(), [1.25, N, 3, 4], [5, 6, 7, 8])
         same(found[0].mask(), [True, False, False, True], [True] * 4)
         assert found[0].calibration().baseline == pytest.approx(0.0598896)
+
+    @pytest.mark.parametrize("inside", ["", "two_view_training"])
+    def test_truth_unpacked_beside(self, tmp_path, inside):
+        views(tmp_path / "two_view_training" / "facade_1s")
+        floats(tmp_path / "two_view_training_gt" / "facade_1s" / "disp0GT.pfm", [1, 2, 3, 4], [5, 6, 7, 8])
+        values(tmp_path / "two_view_training_gt/facade_1s/mask0nocc.png", [255] * 4, dtype=np.uint8)
+        (sample,) = datasets.open(tmp_path / inside)
+        assert sample.truth()[1, 3] == 8
+        assert sample.mask().shape == (1, 4)
 
     def test_test(self, tmp_path):
         views(tmp_path / "two_view_test" / "storage_room_2_1l")

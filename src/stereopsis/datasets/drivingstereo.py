@@ -8,14 +8,18 @@ sparse, and not split by occlusion; 16 bits, 256 times the disparity at half siz
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
 
 from stereopsis.datasets.folder import Folder, only_one, right_view
 from stereopsis.datasets.readers import Scaled
 from stereopsis.datasets.sample import Sample
-from stereopsis.io import calibration
 from stereopsis.io._errors import naming
+from stereopsis.io.calibration import check_calibration
 from stereopsis.types import Calibration
 
 NAME = "DrivingStereo"
@@ -99,8 +103,29 @@ def _calibration_file(places: list[Folder], name: str, full: bool) -> Path | Non
 
 
 def read_calibration(file: Path) -> Calibration:
-    """Read a file of ``half-image-calib`` or ``full-image-calib``: as KITTI's, cameras 101 and 103."""
-    lines = [line for line in file.read_bytes().splitlines() if line.startswith(b"P_rect_")]
-    text = b"\n".join(lines).replace(b"P_rect_101", b"P_rect_02").replace(b"P_rect_103", b"P_rect_03")
+    """Read a file of ``half-image-calib`` or ``full-image-calib``: the left camera is 101, the right 103."""
+    data = file.read_bytes()
     with naming(file):
-        return calibration.parse(text)[1]
+        lines = (line.partition(":") for line in data.decode("ascii").splitlines())
+        numbers = {key: value.split() for key, _, value in lines}
+        left, right = (_numbers(numbers, f"P_rect_{camera}", (3, 4)) for camera in (101, 103))
+        # From where the cameras stand: the last column of P_rect_103 is not halved in the files of half size.
+        places = [
+            _numbers(numbers, f"R_{camera}", (3, 3)).T @ _numbers(numbers, f"T_{camera}", (3,))
+            for camera in (101, 103)
+        ]
+        return check_calibration(
+            Calibration(
+                focal=float(left[0, 0]),
+                cx=float(left[0, 2]),
+                cy=float(left[1, 2]),
+                baseline=float(np.linalg.norm(places[1] - places[0])),
+                doffs=float(right[0, 2] - left[0, 2]),
+            )
+        )
+
+
+def _numbers(lines: dict[str, list[str]], key: str, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    if len(lines.get(key, ())) != math.prod(shape):
+        raise ValueError(f"the calibration has no {key} of {math.prod(shape)} numbers")
+    return np.array(lines[key], np.float64).reshape(shape)

@@ -29,19 +29,21 @@ def find(folder: Folder) -> list[Sample]:
     return listed(folder)
 
 
-def listed(root: Folder) -> list[Sample]:
-    """List the scenes of this layout, which is ETH3D's too."""
-    return [_sample(name, scene) for name, scene in scenes(root, "im0.png")]
+def listed(root: Folder, truths: Folder | None = None) -> list[Sample]:
+    """List the scenes of this layout, which is ETH3D's too; their truths may be in folders of their own."""
+    return [
+        _sample(name, scene, (truths / name) if truths else scene) for name, scene in scenes(root, "im0.png")
+    ]
 
 
-def _sample(name: str, scene: Folder) -> Sample:
+def _sample(name: str, scene: Folder, truth: Folder) -> Sample:
     left = scene.path / "im0.png"
-    mask = scene.file("mask0nocc.png")
+    mask = truth.file("mask0nocc.png")
     return Sample(
         name,
         left,
         right_view(left, scene, "im1.png"),
-        scene.file("disp0GT.pfm"),
+        truth.file("disp0GT.pfm"),
         scene.file("calib.txt"),
         read_mask=White(mask) if mask else None,
     )

@@ -1,7 +1,8 @@
 """Middlebury 2014 and 2021 (mobile): scenes with the truth of both views.
 
 D. Scharstein et al.: High-resolution stereo datasets with subpixel-accurate ground truth. GCPR 2014,
-doi:10.1007/978-3-319-11752-2_3; https://vision.middlebury.edu/stereo/data/scenes2014 and scenes2021. The
+doi:10.1007/978-3-319-11752-2_3; G. Pan, T. Sun, T. Weed, D. Scharstein: Mobile stereo datasets, 2021;
+https://vision.middlebury.edu/stereo/data/scenes2014 and scenes2021. The
 truth is PFM, infinite where unknown. Both cameras see the pixels in which the two truths agree.
 """
 

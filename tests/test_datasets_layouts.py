@@ -7,9 +7,13 @@ import os
 import pickle
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from stereopsis import datasets, io
 from stereopsis.datasets.folder import Folder
@@ -691,6 +695,30 @@ class TestReaders:
         same(seen, [True, False, True, False, False, True, True, True])
         assert seen.dtype == bool
 
+    @given(
+        maps=st.integers(1, 9).flatmap(
+            lambda width: arrays(
+                np.float32,
+                st.tuples(st.just(2), st.integers(1, 3), st.just(width)),
+                elements=st.one_of(st.just(N), st.integers(-44, 44).map(lambda quarters: quarters / 4)),
+            )
+        )
+    )
+    @settings(max_examples=100, deadline=None)
+    def test_consistent_as_defined(self, maps):
+        """Pixel by pixel: the match's column to the nearest whole, of two the even one."""
+        left, right = maps
+        expected = np.zeros(left.shape, bool)
+        for row, column in np.ndindex(left.shape):
+            disparity = float(left[row, column])
+            if np.isfinite(disparity) and -0.5 < column - disparity < left.shape[1] - 0.5:
+                match = round(column - disparity)
+                expected[row, column] = abs(right[row, match] - disparity) <= 1
+        by_side = {Path("left"): left, Path("right"): right}
+        np.testing.assert_array_equal(
+            Consistent(Path("left"), Path("right"), by_side.__getitem__)(), expected
+        )
+
     def test_consistent_sizes(self, tmp_path):
         floats(tmp_path / "left.pfm", [1, 2])
         floats(tmp_path / "right.pfm", [1, 2, 3])
@@ -820,6 +848,17 @@ def test_names_that_are_no_file_names(tmp_path):
         image(tmp_path / f"-{side}.png")
     with pytest.raises(ValueError, match=r"-left\.png: '' cannot name a pair"):
         datasets.open(tmp_path)
+
+
+def test_names_of_every_kind(tmp_path):
+    """Blanks, letters of any script, line breaks: a name is the file's, letter by letter."""
+    wanted = ["Straße 3", "a,b", "左 1"] + (["a\nb"] if sys.platform != "win32" else [])
+    for name in wanted:
+        for side in ("left", "right"):
+            image(tmp_path / side / f"{name}.png")
+    found = datasets.open(tmp_path)
+    assert names(found) == sorted(wanted)
+    assert [sample.pair().name for sample in found] == names(found)
 
 
 def test_two_pairs_of_a_name(tmp_path):

@@ -396,8 +396,8 @@ def study(
       stereopsis study DATASET -o report --windows 5:95:10 --methods ssd,zncc --pairs 3 --workers 2
       stereopsis study --settings report/settings.toml -o again
 
-    DATASET is a folder of NAME-left.*, NAME-right.* and NAME-disparity.png, or in the layout of KITTI 2015
-    or Middlebury; without it, streets are rendered. Every finished row is kept: an interrupted study goes on
+    DATASET is a folder of NAME-left.*, NAME-right.* and NAME-disparity.png, or any other that 'stereopsis
+    info DATASET' recognises; without it, streets are rendered. Every finished row is kept: an interrupted study goes on
     where it stopped when the same command is given again. The exit code is 3 when something could not be
     measured.
     """
@@ -501,7 +501,7 @@ def _compared(command: F) -> F:
     metavar="DATASET...",
     nargs=-1,
     required=True,
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=click.Path(exists=True, path_type=Path),
 )
 @click.option("--pairs", type=click.IntRange(min=1), help="Of each data set only so many, the first ones.")
 @click.option(
@@ -530,6 +530,7 @@ def accuracy(
       stereopsis bench accuracy kitti2015 --presets local,none --set vertical=estimate --no-opencv
       stereopsis bench accuracy kitti2015 --pairs 5 --csv pairs.csv
 
+    A data set is one that 'stereopsis info DATASET' recognises: a folder, or a .csv or .parquet table of paths.
     D1 to RMSE are over all known pixels, holes filled; 'own' over those that the method answers. Where a data
     set tells occluded pixels apart, they do not count. The exit code is 3 when something could not be
     measured.

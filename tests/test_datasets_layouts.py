@@ -39,6 +39,15 @@ def floats(file, *rows):
     io.write_disparity(file, np.array(rows, np.float32))
 
 
+def opened(folder):
+    """Open a data set and read every pair of it."""
+    found = datasets.open(folder)
+    for sample in found:
+        assert sample.left_file != sample.right_file
+        assert sample.pair().name == sample.name
+    return found
+
+
 def names(found):
     return [sample.name for sample in found]
 
@@ -95,7 +104,7 @@ class TestDrivingStereo:
             "P_rect_101: 1000 0 460 0 0 1000 200 0 0 0 1 0\n"
             "P_rect_103: 1000 0 463 -1080 0 1000 200 0 0 0 1 0\n"
         )
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert found.name == "DrivingStereo"
         assert names(found) == [f"train/{SEQUENCE}/{FRAME}"]
         same(found[0].truth(), [1, N, 2.5, 1 / 256], [1 / 256] * 4)
@@ -110,7 +119,7 @@ class TestDrivingStereo:
     def test_sizes(self, tmp_path, size, factor):
         """The full size has twice the disparity for the same number."""
         driving(tmp_path, "", "", f"-{size}-size")
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert names(found) == [FRAME]
         same(found[0].truth()[0], factor, N, 2.5 * factor, factor / 256)
 
@@ -119,7 +128,7 @@ class TestDrivingStereo:
         driving(tmp_path, "", "", "-full-size")
         with pytest.raises(ValueError, match="left-image-half-size, left-image-full-size: open one of them"):
             datasets.open(tmp_path)
-        found = datasets.open(tmp_path / "left-image-full-size")
+        found = opened(tmp_path / "left-image-full-size")
         assert names(found) == [FRAME]
         same(found[0].truth()[0, 0], 2)
 
@@ -133,7 +142,7 @@ class TestDrivingStereo:
                     image(folder / f"{FRAME}.png")
         with pytest.raises(ValueError, match="test-left-image holds left-image-half-size"):
             datasets.open(tmp_path)
-        found = datasets.open(tmp_path / "test-left-image" / "left-image-full-size")
+        found = opened(tmp_path / "test-left-image" / "left-image-full-size")
         assert names(found) == [FRAME]
         same(found[0].truth(), [2, N], [4, N])
         for word in ("left-image", "right-image", "disparity-map"):
@@ -180,7 +189,7 @@ def kitti2012(tmp_path):
 
 class TestKitti2012:
     def test_training(self, kitti2012):
-        found = datasets.open(kitti2012)
+        found = opened(kitti2012)
         assert found.name == "KITTI 2012"
         (sample,) = found
         assert sample.name == "000000_10"
@@ -190,19 +199,19 @@ class TestKitti2012:
         assert sample.calibration().baseline == pytest.approx(0.54)
 
     def test_testing(self, kitti2012):
-        (sample,) = datasets.open(kitti2012 / "testing")
+        (sample,) = opened(kitti2012 / "testing")
         assert (sample.truth(), sample.mask()) == (None, None)
         assert sample.left_file.parts[-3] == "testing"
 
     def test_testing_alone(self, kitti2012):
         (kitti2012 / "training").rename(kitti2012 / "elsewhere")
-        (sample,) = datasets.open(kitti2012)
+        (sample,) = opened(kitti2012)
         assert sample.truth() is None
 
     def test_grey(self, kitti2012):
         for view in (0, 1):
             (kitti2012 / "training" / f"colored_{view}").rename(kitti2012 / f"away_{view}")
-        (sample,) = datasets.open(kitti2012)
+        (sample,) = opened(kitti2012)
         assert sample.left_file.parts[-2] == "image_0"
         assert sample.calibration().baseline == pytest.approx(0.5)
 
@@ -210,7 +219,7 @@ class TestKitti2012:
 def test_kitti2015_testing_alone(tmp_path):
     for view in (2, 3):
         image(tmp_path / "testing" / f"image_{view}" / "000000_10.png")
-    found = datasets.open(tmp_path)
+    found = opened(tmp_path)
     assert (found.name, names(found)) == ("KITTI 2015", ["000000_10"])
     assert found[0].truth() is None
 
@@ -233,7 +242,7 @@ class TestMiddlebury2003:
         truth = np.zeros((height, 3), np.uint8)
         truth[0] = (0, 96, 3)
         io.write_image(scene / "disp2.png", truth)
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert (found.name, names(found)) == ("Middlebury 2001/2003", ["cones"])
         same(found[0].truth()[0], N, 96 / factor, 3 / factor)
         assert np.isnan(found[0].truth()[1:]).all()
@@ -244,7 +253,7 @@ class TestMiddlebury2003:
         views(tmp_path / "venus", ("im2.ppm", "im6.ppm"), (*SHAPE, 3))
         values(tmp_path / "venus/disp2.pgm", [0, 8, 8, 24], [0, 0, 0, 0], dtype=np.uint8)
         values(tmp_path / "venus/disp6.pgm", [8, 8, 0, 0], [0, 0, 0, 0], dtype=np.uint8)
-        (sample,) = datasets.open(tmp_path)
+        (sample,) = opened(tmp_path)
         same(sample.truth()[0], N, 1, 1, 3)
         # x - d: 0 with 1 there, 1 with 1 there, 0 with 1 there, which is not 3.
         same(sample.mask(), [False, True, True, False], [False] * 4)
@@ -255,7 +264,7 @@ class TestMiddlebury2003:
         views(tmp_path / "map", ("im0.pgm", "im1.pgm"), (216, 3))
         for side in (0, 1):
             io.write_image(tmp_path / f"map/disp{side}.pgm", np.full((216, 3), 80, np.uint8))
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert names(found) == ["map", "tsukuba"]
         assert [sample.truth()[5, 1] for sample in found] == [10, 5]
         assert found[0].right_file.name == "im1.pgm"
@@ -276,7 +285,7 @@ class TestMiddlebury2006:
         for side in (1, 5):
             values(scene / f"disp{side}.png", *([[0, 6, 12, 90, 3]] * 3), dtype=np.uint8)
         (scene / "dmin.txt").write_text("270\n")
-        found = datasets.open(tmp_path / size if inside else tmp_path)
+        found = opened(tmp_path / size if inside else tmp_path)
         assert (found.name, names(found)) == ("Middlebury 2005/2006", ["Aloe"])
         same(found[0].truth()[0], N, 6 / divisor, np.float32(12 / divisor), 90 / divisor, 3 / divisor)
         camera = found[0].pair().calibration
@@ -307,7 +316,7 @@ class TestMiddlebury2006:
             for exposure in (0, 1):
                 views(scene / f"Illum{light}/Exp{exposure}", ("view0.png", "view1.png", "view5.png"))
         values(scene / "disp1.png", [6] * 4, [6] * 4, dtype=np.uint8)
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert names(found) == [f"Art/Illum{light}/Exp{exposure}" for light in (1, 2) for exposure in (0, 1)]
         assert found[3].left_file == scene / "Illum2/Exp1/view1.png"
         same(found[3].truth(), [6] * 4, [6] * 4)
@@ -332,7 +341,7 @@ class TestMiddleburyV3:
         for part in ("trainingQ", "testQ"):
             views(tmp_path / above / part / f"Scene of {part}")
         assert names(datasets.open(tmp_path)) == ["Scene of trainingQ"]
-        found = datasets.open(tmp_path / above / "testQ")
+        found = opened(tmp_path / above / "testQ")
         assert (found.name, names(found)) == ("Middlebury v3", ["Scene of testQ"])
         assert (found[0].truth(), found[0].mask()) == (None, None)
 
@@ -353,7 +362,7 @@ def test_middlebury2021(tmp_path, above):
     floats(scene / "disp0.pfm", [1.25, N, 1, 2.5], [4, 0, 0, 0])
     floats(scene / "disp1.pfm", [1, 1, N, N], [0, 0, 0, 0])
     calibration(scene / "calib.txt", doffs=0)
-    found = datasets.open(tmp_path)
+    found = opened(tmp_path)
     assert (found.name, names(found)) == ("Middlebury 2014/2021", ["artroom1"])
     same(found[0].truth(), [1.25, N, 1, 2.5], [4, 0, 0, 0])
     # Matches of row 0: -1.25 lies outside, 2 - 1 = 1 agrees, 3 - 2.5 = 0.5 rounds to 0 where 1 is 1.5 off.
@@ -370,7 +379,7 @@ class TestETH3D:
         floats(scene / "disp0GT.pfm", [1.25, N, 3, 4], [5, 6, 7, 8])
         values(scene / "mask0nocc.png", [255, 0, 128, 255], [255] * 4, dtype=np.uint8)
         calibration(scene / "calib.txt", 59.8896, 0)
-        found = datasets.open(tmp_path / inside)
+        found = opened(tmp_path / inside)
         assert (found.name, names(found)) == ("ETH3D", ["delivery_area_1l"])
         same(found[0].truth(), [1.25, N, 3, 4], [5, 6, 7, 8])
         same(found[0].mask(), [True, False, False, True], [True] * 4)
@@ -381,14 +390,14 @@ class TestETH3D:
         views(tmp_path / "two_view_training" / "facade_1s")
         floats(tmp_path / "two_view_training_gt" / "facade_1s" / "disp0GT.pfm", [1, 2, 3, 4], [5, 6, 7, 8])
         values(tmp_path / "two_view_training_gt/facade_1s/mask0nocc.png", [255] * 4, dtype=np.uint8)
-        (sample,) = datasets.open(tmp_path / inside)
+        (sample,) = opened(tmp_path / inside)
         assert sample.truth()[1, 3] == 8
         assert sample.mask().shape == (1, 4)
 
     def test_test(self, tmp_path):
         views(tmp_path / "two_view_test" / "storage_room_2_1l")
         for folder in (tmp_path, tmp_path / "two_view_test"):
-            found = datasets.open(folder)
+            found = opened(folder)
             assert (found.name, names(found)) == ("ETH3D", ["storage_room_2_1l"])
 
 
@@ -427,7 +436,7 @@ def argoverse(tmp_path):
 class TestArgoverse:
     @pytest.mark.parametrize("inside", ["", "rectified_stereo_images_v1.1"])
     def test_samples(self, argoverse, inside):
-        found = datasets.open(argoverse / inside)
+        found = opened(argoverse / inside)
         assert found.name == "Argoverse stereo"
         assert names(found) == ["test/273c1883/3159", "train/273c1883/3159"]
         assert found[0].truth() is None
@@ -460,7 +469,7 @@ class TestSceneFlow:
     def test_flyingthings(self, tmp_path):
         scene_flow(tmp_path, "TRAIN/A/0000")
         scene_flow(tmp_path, "TEST/C/0149", passes=("cleanpass",))
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert found.name == "Scene Flow"
         assert names(found) == [
             "cleanpass/TEST/C/0149/0006",
@@ -475,14 +484,14 @@ class TestSceneFlow:
 
     def test_one_pass(self, tmp_path):
         scene_flow(tmp_path, "a_rain_of_stones_x2")
-        found = datasets.open(tmp_path / "frames_finalpass")
+        found = opened(tmp_path / "frames_finalpass")
         assert names(found) == ["a_rain_of_stones_x2/0006"]
         assert found[0].truth() is not None
 
     def test_all_three(self, tmp_path):
         scene_flow(tmp_path / "Monkaa", "family_x2", passes=("cleanpass",))
         scene_flow(tmp_path / "Driving", "15mm_focallength/scene_forwards/fast", passes=("cleanpass",))
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert names(found) == [
             "Driving/cleanpass/15mm_focallength/scene_forwards/fast/0006",
             "Monkaa/cleanpass/family_x2/0006",
@@ -501,7 +510,7 @@ class TestVirtualKitti:
         # 725.0087 px * 0.532725 m = 386.2303 px m: 386.23 px at a metre, 1 px at 386.23 m.
         values(frames / "Camera_0/depth_00001.png", [65535, 0, 38623, 19311], [100, 38623, 38623, 38623])
         values(frames / "Camera_1/depth_00001.png", [65535, 38623, 38623, 0], [38623, 38623, 65535, 100])
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert found.name == "Virtual KITTI 2"
         assert names(found) == ["Scene01/clone/00001", "Scene01/fog/00001"]
         product = 725.0087 * 0.532725 * 100
@@ -535,7 +544,7 @@ def sintel(tmp_path):
 class TestSintel:
     @pytest.mark.parametrize("inside", ["", "training"])
     def test_samples(self, sintel, inside):
-        found = datasets.open(sintel / inside)
+        found = opened(sintel / inside)
         assert found.name == "MPI Sintel"
         assert names(found) == ["clean/alley_1/frame_0001", "final/alley_1/frame_0001"]
         # 4 R + G / 64 + B / 16384.
@@ -573,7 +582,7 @@ def falling_things(tmp_path):
 
 class TestFallingThings:
     def test_samples(self, falling_things):
-        found = datasets.open(falling_things)
+        found = opened(falling_things)
         assert found.name == "Falling Things"
         assert names(found) == ["mixed/kitchen_0/000000", "single/002_master_chef_can_16k/temple_1/000000"]
         # 768 px * 0.06 m = 46.08 px m: 46.08 px at 1 m, 10 px at 4.608 m.
@@ -599,7 +608,7 @@ class TestInStereo2K:
             views(tmp_path / place, ("left.png", "right.png"))
             values(tmp_path / place / "left_disp.png", [0, 100, 150, 12345], [1, 0, 0, 0])
             values(tmp_path / place / "right_disp.png", [100, 100, 0, 0], [0, 0, 0, 0])
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert (found.name, names(found)) == ("InStereo2K", ["test/000040", "train/part1/000001"])
         same(
             found[0].truth(),
@@ -629,7 +638,7 @@ class TestFolders:
         floats(tmp_path / "truth/drive 1/a9.pfm", [1, N, 3, 4], [5, 6, 7, 8])
         (tmp_path / "left" / "notes.txt").write_text("no image")
         calibration(tmp_path / "calib.txt")
-        found = datasets.open(tmp_path)
+        found = opened(tmp_path)
         assert found.name == "left and right"
         assert names(found) == ["b", "drive 1/a10", "drive 1/a9", "drive 1/ä"]
         pair = found[2].pair()
@@ -741,7 +750,7 @@ def test_samples_travel_and_compare(layout, tmp_path, request):
         driving(tmp_path, "train-", SEQUENCE, "")
     else:
         request.getfixturevalue(layout)
-    found = datasets.open(tmp_path)
+    found = opened(tmp_path)
     back = pickle.loads(pickle.dumps(found))
     assert back == found
     for one, other in zip(found, back, strict=True):
@@ -777,7 +786,7 @@ class TestFolder:
                 (tmp_path / "set" / side).symlink_to(tmp_path / "elsewhere", target_is_directory=True)
         except OSError:
             pytest.skip("no links here")
-        (sample,) = datasets.open(tmp_path / "set")
+        (sample,) = opened(tmp_path / "set")
         assert sample.left_file == tmp_path / "set" / "left" / "a.png"
 
     def test_what_begins_with_a_dot_is_left_out(self, tmp_path):
@@ -856,7 +865,7 @@ def test_names_of_every_kind(tmp_path):
     for name in wanted:
         for side in ("left", "right"):
             image(tmp_path / side / f"{name}.png")
-    found = datasets.open(tmp_path)
+    found = opened(tmp_path)
     assert names(found) == sorted(wanted)
     assert [sample.pair().name for sample in found] == names(found)
 

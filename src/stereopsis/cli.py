@@ -397,9 +397,9 @@ def study(
       stereopsis study --settings report/settings.toml -o again
 
     DATASET is a folder of NAME-left.*, NAME-right.* and NAME-disparity.png, or any other that 'stereopsis
-    info DATASET' recognises; without it, streets are rendered. Every finished row is kept: an interrupted study goes on
-    where it stopped when the same command is given again. The exit code is 3 when something could not be
-    measured.
+    info DATASET' recognises; without it, streets are rendered. Every finished row is kept: an interrupted
+    study goes on where it stopped when the same command is given again. The exit code is 3 when something
+    could not be measured.
     """
     from stereopsis import study as study_
 
@@ -530,8 +530,8 @@ def accuracy(
       stereopsis bench accuracy kitti2015 --presets local,none --set vertical=estimate --no-opencv
       stereopsis bench accuracy kitti2015 --pairs 5 --csv pairs.csv
 
-    A data set is one that 'stereopsis info DATASET' recognises: a folder, or a .csv or .parquet table of paths.
-    D1 to RMSE are over all known pixels, holes filled; 'own' over those that the method answers. Where a data
+    DATASET is a folder, or a .csv or .parquet table of paths, that 'stereopsis info DATASET' recognises. D1
+    to RMSE are over all known pixels, holes filled; 'own' over those that the method answers. Where a data
     set tells occluded pixels apart, they do not count. The exit code is 3 when something could not be
     measured.
     """

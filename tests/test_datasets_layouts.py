@@ -18,6 +18,7 @@ from hypothesis.extra.numpy import arrays
 from stereopsis import datasets, io
 from stereopsis.datasets.folder import Folder
 from stereopsis.datasets.readers import Consistent, FromDepth, Scaled
+from stereopsis.datasets.sample import check_name
 
 N = np.nan
 SHAPE = (2, 4)
@@ -446,6 +447,11 @@ class TestArgoverse:
         assert (camera.focal, camera.cx, camera.cy, camera.doffs) == (3666.5, 1235, 1028, 0)
         assert found[1].pair().calibration == camera
 
+    def test_one_part(self, argoverse):
+        (sample,) = opened(argoverse / "rectified_stereo_images_v1.1" / "train")
+        assert sample.name == "273c1883/3159"
+        same(sample.truth(), [1, N])
+
     def test_a_broken_calibration_is_named(self, argoverse):
         file = argoverse / "rectified_stereo_images_v1.1/train/273c1883/vehicle_calibration_stereo_info.json"
         for text in ("{", "{}", '{"camera_data_": []}'):
@@ -488,6 +494,15 @@ class TestSceneFlow:
         assert names(found) == ["a_rain_of_stones_x2/0006"]
         assert found[0].truth() is not None
 
+    def test_a_part_of_a_pass(self, tmp_path):
+        scene_flow(tmp_path, "35mm_focallength/scene_forwards/fast")
+        scene_flow(tmp_path, "15mm_focallength/scene_forwards/fast")
+        found = opened(tmp_path / "frames_finalpass" / "15mm_focallength")
+        assert names(found) == ["scene_forwards/fast/0006"]
+        same(found[0].truth(), [1, 1, 2, 1.5], [1, 1, 1, 1])
+        assert "finalpass" in str(found[0].left_file)
+        assert found[0].calibration().focal == 450
+
     def test_all_three(self, tmp_path):
         scene_flow(tmp_path / "Monkaa", "family_x2", passes=("cleanpass",))
         scene_flow(tmp_path / "Driving", "15mm_focallength/scene_forwards/fast", passes=("cleanpass",))
@@ -526,6 +541,9 @@ class TestVirtualKitti:
         assert found[1].truth() is None
         assert found[0].calibration() == found[1].calibration()
         assert found[0].calibration().baseline == 0.532725
+        alone = opened(tmp_path / rgb)
+        assert names(alone) == names(found)
+        same(alone[0].truth(), *found[0].truth())
 
 
 @pytest.fixture
@@ -557,6 +575,15 @@ class TestSintel:
 
     def test_one_pass(self, sintel):
         assert names(datasets.open(sintel / "training" / "final_left")) == ["alley_1/frame_0001"]
+
+    def test_masks_of_two_sizes(self, sintel):
+        values(sintel / "training/outofframe/alley_1/frame_0001.png", [0, 0], dtype=np.uint8)
+        with pytest.raises(ValueError, match=r"occlusions.*png and .*outofframe.*png differ in size"):
+            datasets.open(sintel)[0].mask()
+
+    def test_one_mask(self, sintel):
+        (sintel / "training/outofframe/alley_1/frame_0001.png").unlink()
+        assert datasets.open(sintel)[0].mask() is None
 
     def test_grey_truth(self, sintel):
         values(sintel / "training/disparities/alley_1/frame_0001.png", [1, 1], dtype=np.uint8)
@@ -850,6 +877,20 @@ class TestFolder:
         assert (len(found), found[49_999].name) == (50_000, "049999")
         assert sorted(listed) == sorted({*listed})
         assert seconds < 20  # a second or so; a file looked up in a list would take hours
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", ".", "..", "/a", "a/", "a//b", "a/./b", "../a", "a/../../b", r"a\..\b", r"..\a", "a\0b"],
+)
+def test_a_name_that_leads_elsewhere(name):
+    with pytest.raises(ValueError, match="cannot name a pair: no part of a name is empty"):
+        check_name(name)
+
+
+@pytest.mark.parametrize("name", ["a", "a/b/c", "...", "a..b", ".a", " ", "ä/ö", "a:b"])
+def test_a_name(name):
+    assert check_name(name) == name
 
 
 def test_names_that_are_no_file_names(tmp_path):

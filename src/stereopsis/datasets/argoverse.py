@@ -32,13 +32,19 @@ _LEFT, _RIGHT = "stereo_front_left_rect", "stereo_front_right_rect"
 
 def find(folder: Folder) -> list[Sample]:
     """List the pairs of a folder, none if it is laid out otherwise."""
+    if folder.parent.name == _IMAGES:  # one part
+        root = folder.parent.parent
+        return [pair for log in folder.folders for pair in _log(root, folder, log, "")]
     root = folder.parent if folder.name == _IMAGES else folder
     return [
-        pair for part in (root / _IMAGES).folders for log in part.folders for pair in _log(root, part, log)
+        pair
+        for part in (root / _IMAGES).folders
+        for log in part.folders
+        for pair in _log(root, part, log, f"{part.name}/")
     ]
 
 
-def _log(root: Folder, part: Folder, log: Folder) -> Iterator[Sample]:
+def _log(root: Folder, part: Folder, log: Folder, prefix: str) -> Iterator[Sample]:
     truths = root / _TRUTHS / part.name / log.name / f"{_LEFT}_disparity"
     for file in (log / _LEFT).files:
         left = log.path / _LEFT / file
@@ -46,7 +52,7 @@ def _log(root: Folder, part: Folder, log: Folder) -> Iterator[Sample]:
             continue
         time = left.stem.removeprefix(f"{_LEFT}_")
         yield Sample(
-            f"{part.name}/{log.name}/{time}",
+            f"{prefix}{log.name}/{time}",
             left,
             right_view(left, log / _RIGHT, f"{_RIGHT}_{time}.jpg"),
             truths.file(f"{_LEFT}_disparity_{time}.png"),

@@ -9,7 +9,7 @@ sparse, and not split by occlusion; 16 bits, 256 times the disparity at half siz
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -63,14 +63,14 @@ def _official(folder: Folder) -> Iterator[Sample]:
 
 
 def _images(root: Folder, lefts: tuple[str, ...], prefix: str) -> Iterator[Sample]:
-    top = _below(root, lefts)
+    top = root.below(lefts)
     only_one(top, _SIZES)
     places = [root, root.parent]
     for name, folder in top.walk(4):
         parts = (*lefts, *filter(None, name.split("/")))
         # The three trees differ in one word of their folders' names.
         rights, truths = (
-            _below(root, [part.replace("left-image", word) for part in parts])
+            root.below(part.replace("left-image", word) for part in parts)
             for word in ("right-image", "disparity-map")
         )
         sequence = "".join(f"{part}/" for part in parts[len(lefts) :] if part not in _SIZES)
@@ -88,12 +88,6 @@ def _images(root: Folder, lefts: tuple[str, ...], prefix: str) -> Iterator[Sampl
                 read_truth=Scaled(128 if full else 256),
                 read_calibration=read_calibration,
             )
-
-
-def _below(folder: Folder, parts: Iterable[str]) -> Folder:
-    for part in parts:
-        folder /= part
-    return folder
 
 
 def _calibration_file(places: list[Folder], name: str, full: bool) -> Path | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -61,6 +61,13 @@ class Folder:
     def file(self, *names: str) -> Path | None:
         """Return the first of these files that is there."""
         return next((self.path / name for name in names if name in self._listing[0]), None)
+
+    def below(self, parts: Iterable[str]) -> Folder:
+        """The folder that these names lead to, one after the other."""
+        folder = self
+        for part in parts:
+            folder /= part
+        return folder
 
     def walk(self, depth: int) -> Iterator[tuple[str, Folder]]:
         """Go through the folder itself, named "", and those at most `depth` below, named "a/b", sorted."""

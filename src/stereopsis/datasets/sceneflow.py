@@ -11,6 +11,7 @@ of the scene, which stands for a metre here. Both cameras see the pixels in whic
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from stereopsis.datasets.folder import Folder, right_view
 from stereopsis.datasets.readers import Consistent
@@ -28,8 +29,12 @@ _PASSES = ("frames_cleanpass", "frames_finalpass")
 
 def find(folder: Folder) -> list[Sample]:
     """List the pairs of a folder, none if it is laid out otherwise."""
-    if folder.name in _PASSES:
-        return list(_pass(folder, folder.parent / "disparity", ""))
+    parts = folder.path.absolute().parts
+    for name in _PASSES:
+        if name in parts:  # the frames of one pass, or some of them
+            above = parts[: parts.index(name)]
+            truths = Folder(Path(*above, "disparity")).below(parts[len(above) + 1 :])
+            return list(_pass(folder, truths, ""))
     roots = [("", folder), *((root.name, root) for root in folder.folders)]
     return [
         pair
@@ -41,9 +46,7 @@ def find(folder: Folder) -> list[Sample]:
 
 def _pass(frames: Folder, truths: Folder, prefix: str) -> Iterator[Sample]:
     for name, scene in frames.walk(4):
-        lefts, truth_scene = scene / "left", truths
-        for part in filter(None, name.split("/")):
-            truth_scene = truth_scene / part
+        lefts, truth_scene = scene / "left", truths.below(filter(None, name.split("/")))
         for file in lefts.files:
             left = lefts.path / file
             if left.suffix not in (".png", ".webp"):
@@ -57,7 +60,7 @@ def _pass(frames: Folder, truths: Folder, prefix: str) -> Iterator[Sample]:
                 truth,
                 read_mask=Consistent(truth, other) if truth and other else None,
                 geometry=Calibration(
-                    focal=450.0 if "15mm_focallength" in name.split("/") else 1050.0,
+                    focal=450.0 if "15mm_focallength" in lefts.path.parts else 1050.0,
                     cx=479.5,
                     cy=269.5,
                     baseline=1.0,

@@ -24,20 +24,22 @@ LAYOUT = (
     "vkitti_2.0.3_depth/"
 )
 
+_ARCHIVE = "vkitti_2"
 GEOMETRY = Calibration(focal=725.0087, cx=620.5, cy=187.0, baseline=0.532725)
 _TRUTH = FromDepth(GEOMETRY.focal * GEOMETRY.baseline * 100)
 
 
 def find(folder: Folder) -> list[Sample]:
     """List the pairs of a folder, none if it is laid out otherwise."""
-    roots = [folder, *(root for root in folder.folders if root.name.startswith("vkitti_2"))]
+    above = folder.parent if folder.name.startswith(_ARCHIVE) else folder
+    archives = [archive for archive in above.folders if archive.name.startswith(_ARCHIVE)]
     return [
         pair
-        for root in roots
+        for root in ([folder] if above is not folder else [folder, *archives])
         for scene in root.folders
         if scene.name.startswith("Scene")
         for variation in scene.folders
-        for pair in _frames(roots, scene.name, variation)
+        for pair in _frames([folder, *archives], scene.name, variation)
     ]
 
 

@@ -700,7 +700,7 @@ class TestFolders:
     def test_two_truths(self, tmp_path):
         for folder in ("left", "right", "disparity", "truth"):
             image(tmp_path / folder / "a.png")
-        with pytest.raises(ValueError, match="holds disparity, truth: open one of them"):
+        with pytest.raises(ValueError, match="holds disparity, truth: keep one of them"):
             datasets.open(tmp_path)
 
 
@@ -884,7 +884,7 @@ class TestFolder:
     ["", ".", "..", "/a", "a/", "a//b", "a/./b", "../a", "a/../../b", r"a\..\b", r"..\a", "a\0b"],
 )
 def test_a_name_that_leads_elsewhere(name):
-    with pytest.raises(ValueError, match="cannot name a pair: no part of a name is empty"):
+    with pytest.raises(ValueError, match="cannot name a pair: no part of it may be empty"):
         check_name(name)
 
 

@@ -115,11 +115,11 @@ def scenes(folder: Folder, file: str, *more: str) -> list[tuple[str, Folder]]:
     return [(scene.name, scene) for scene in found]
 
 
-def only_one(folder: Folder, parts: list[str]) -> Folder:
+def only_one(folder: Folder, parts: list[str], advice: str = "open one of them") -> Folder:
     """Return the one of these folders that is there, an empty one if none is; refuse several."""
     there = [part for part in parts if folder / part]
     if len(there) > 1:
-        raise ValueError(f"{folder.path} holds {', '.join(there)}: open one of them")
+        raise ValueError(f"{folder.path} holds {', '.join(there)}: {advice}")
     return folder / (there or parts)[0]
 
 

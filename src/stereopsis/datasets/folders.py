@@ -25,7 +25,7 @@ def find(folder: Folder) -> list[Sample]:
     if not (folder / "left" and folder / "right"):
         return []
     lefts, rights = _images(folder / "left"), _images(folder / "right")
-    truths = _images(only_one(folder, ["disparity", "truth"]))
+    truths = _images(only_one(folder, ["disparity", "truth"], "keep one of them"))
     _refuse(folder, lefts.keys() - rights.keys(), "in left and not in right")
     _refuse(folder, rights.keys() - lefts.keys(), "in right and not in left")
     _refuse(folder, truths.keys() - lefts.keys(), "a truth without a pair")

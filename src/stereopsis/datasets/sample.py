@@ -76,5 +76,7 @@ class Sample:
 def check_name(name: str) -> str:
     """`name` itself, when it can name a file below a folder; ``ValueError`` otherwise."""
     if "\0" in name or any(part in ("", ".", "..") for part in re.split(r"[/\\]", name)):
-        raise ValueError(f"{name!r} cannot name a pair: no part of a name is empty, '.' or '..'")
+        raise ValueError(
+            f"{name!r} cannot name a pair: no part of it may be empty, '.' or '..', nor a zero byte"
+        )
     return name

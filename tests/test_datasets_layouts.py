@@ -552,7 +552,7 @@ def sintel(tmp_path):
     for name in ("clean", "final"):
         for side in ("left", "right"):
             image(training / f"{name}_{side}" / "alley_1" / "frame_0001.png")
-    disparity = np.array([[[0, 64, 0], [1, 0, 0]], [[10, 32, 128], [255, 255, 255]]], np.uint8)
+    disparity = np.array([[[0, 64, 0], [0, 0, 128]], [[10, 32, 128], [255, 255, 255]]], np.uint8)
     values(training / "disparities/alley_1/frame_0001.png", *disparity, dtype=np.uint8)
     values(training / "occlusions/alley_1/frame_0001.png", [0, 255], [0, 0], dtype=np.uint8)
     values(training / "outofframe/alley_1/frame_0001.png", [1, 0], [0, 0], dtype=np.uint8)
@@ -568,7 +568,7 @@ class TestSintel:
         # 4 R + G / 64 + B / 16384.
         same(
             found[1].truth(),
-            [1, 4],
+            [1, 1 / 128],
             [40 + 0.5 + 1 / 128, np.float32(1020 + 255 / 64 + 255 / 16384)],
         )
         same(found[0].mask(), [False, False], [True, True])
@@ -672,6 +672,14 @@ class TestFolders:
         assert (pair.left[0, 0], pair.right[0, 0], pair.calibration.doffs) == (1, 2, 30)
         same(found[2].truth(), [1, N, 3, 4], [5, 6, 7, 8])
         assert (found[1].truth(), found[1].mask()) == (None, None)
+
+    def test_what_is_an_image(self, tmp_path):
+        kinds = ["png", "jpg", "jpeg", "tif", "tiff", "pgm", "ppm", "pfm", "npy", "PNG"]
+        for side in ("left", "right"):
+            (tmp_path / side).mkdir()
+            for kind in (*kinds, "txt", "xml"):
+                (tmp_path / side / f"of {kind}.{kind}").touch()
+        assert names(datasets.open(tmp_path)) == sorted(f"of {kind}" for kind in kinds)
 
     def test_unpaired(self, tmp_path):
         for number in range(7):

@@ -322,6 +322,14 @@ class TestMiddlebury2006:
         assert found[3].left_file == scene / "Illum2/Exp1/view1.png"
         same(found[3].truth(), [6] * 4, [6] * 4)
 
+    def test_both_truths(self, tmp_path):
+        """At half size 4 means 2 pixels, 2 in the right truth 1: just agreeing; 6 means 3."""
+        scene = tmp_path / "HalfSize" / "Art"
+        views(scene, ("view1.png", "view5.png"), (1, 5))
+        values(scene / "disp1.png", [4, 4, 4, 4, 4], dtype=np.uint8)
+        values(scene / "disp5.png", [2, 8, 6, 4, 4], dtype=np.uint8)
+        same(opened(tmp_path)[0].mask(), [False, False, True, False, True])
+
     def test_two_sizes(self, tmp_path):
         for size in ("HalfSize", "ThirdSize"):
             views(tmp_path / size / "Art", ("view1.png", "view5.png"))
@@ -485,6 +493,9 @@ class TestSceneFlow:
         same(found[1].truth(), [1, 1, 2, 1.5], [1, 1, 1, 1])
         same(found[1].mask(), [False, True, True, True], [False] * 4)
         assert found[1].truth_file == found[2].truth_file
+        told = found.describe()
+        assert (told["name"], told["pairs"], told["first"]) == ("Scene Flow", 3, found[0].name)
+        assert [told[f"with_{what}"] for what in ("truth", "mask", "calibration")] == [3, 3, 3]
         camera = found[1].pair().calibration
         assert (camera.focal, camera.cx, camera.cy, camera.baseline) == (1050, 479.5, 269.5, 1)
 
@@ -572,6 +583,11 @@ class TestSintel:
             [40 + 0.5 + 1 / 128, np.float32(1020 + 255 / 64 + 255 / 16384)],
         )
         same(found[0].mask(), [False, False], [True, True])
+
+    def test_without_a_calibration(self, sintel):
+        found = datasets.open(sintel)
+        assert found[0].calibration() is None
+        assert found.describe()["with_calibration"] == 0
 
     def test_one_pass(self, sintel):
         assert names(datasets.open(sintel / "training" / "final_left")) == ["alley_1/frame_0001"]

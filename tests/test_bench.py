@@ -152,6 +152,14 @@ def test_presets_and_plain_settings():
 # ---- the commands --------------------------------------------------------------------------------
 
 
+def test_accuracy_of_a_table_of_paths(broken, capsys: Capture):
+    file = broken / "pairs.csv"
+    file.write_text("left,right,truth\na-left.png,a-right.png,a-disparity.png\n")
+    words = ["bench", "accuracy", str(file), "--presets", "fast", "--no-opencv", "--disparities", "0:24"]
+    assert main(words) == 0
+    assert capsys.readouterr().out.startswith("| table, 1 pair |")
+
+
 def test_accuracy_on_the_command_line(folder, tmp_path, capsys: Capture):
     file = tmp_path / "pairs.csv"
     words = [

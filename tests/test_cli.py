@@ -442,9 +442,30 @@ class TestInfo:
         assert said["focal"] == scene.calibration.focal
         assert "baseline" in run(capsys, "info", "calib.txt")
 
+    def test_data_set(self, tmp_path: Path, capsys: Capture) -> None:
+        for name in ("left/b.png", "right/b.png", "left/a.png", "right/a.png", "truth/b.png"):
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).touch()
+        said = report(capsys, "info", str(tmp_path))
+        del said["program"]
+        assert said == {
+            "folder": str(tmp_path),
+            "kind": "data set",
+            "name": "left and right",
+            "pairs": 2,
+            "with_truth": 1,
+            "with_mask": 0,
+            "with_calibration": 0,
+            "first": "a",
+            "last": "b",
+        }
+        (tmp_path / "pairs.csv").write_text("left,right\nleft/a.png,right/a.png\n")
+        assert report(capsys, "info", str(tmp_path / "pairs.csv"))["pairs"] == 1
+
     def test_refused(self, tmp_path: Path, capsys: Capture) -> None:
         (tmp_path / "empty.png").touch()
         assert "empty.png" in refuse(capsys, "info", str(tmp_path / "empty.png"))
+        assert "KITTI 2012" in refuse(capsys, "info", str(tmp_path))
 
 
 class TestDemo:

@@ -179,21 +179,36 @@ class TestOpen:
         (tmp_path / "readme.txt").write_text("nothing")
         with pytest.raises(ValueError, match="holds no benchmark") as refusal:
             datasets.open(tmp_path)
-        for word in (
-            str(tmp_path),
+        text = str(refusal.value)
+        assert text.startswith(str(tmp_path))
+        named = [line.partition(":")[0].strip() for line in text.splitlines()[1:]]
+        assert named == [
             "DrivingStereo",
-            "-left.jpg",
             "KITTI 2015",
-            "image_2",
-            "Middlebury",
-            "im0.png",
-        ):
-            assert word in str(refusal.value)
+            "KITTI 2012",
+            "Argoverse stereo",
+            "Scene Flow",
+            "Virtual KITTI 2",
+            "MPI Sintel",
+            "ETH3D",
+            "Middlebury 2014/2021",
+            "Middlebury v3",
+            "Middlebury 2005/2006",
+            "Middlebury 2001/2003",
+            "left and right",
+            "Falling Things",
+            "InStereo2K",
+            "table",
+        ]
+        for word in ("-left.jpg", "image_2", "im0.png", "left.png", ".parquet"):
+            assert word in text
 
     @pytest.mark.parametrize("name", ["missing", "file.txt"])
     def test_no_folder(self, tmp_path, name):
         (tmp_path / "file.txt").write_text("")
-        with pytest.raises(ValueError, match=f"path must be a folder, and .*{name} is not one"):
+        with pytest.raises(
+            ValueError, match=rf"must be a folder, or a \.csv or \.parquet file, and .*{name} is not one"
+        ):
             datasets.open(tmp_path / name)
 
     def test_reads_nothing_before_it_is_asked(self, drivingstereo):

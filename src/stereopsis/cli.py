@@ -298,7 +298,7 @@ def evaluate(
 
 
 @commands.command()
-@click.argument("file", type=_INPUT, required=False)
+@click.argument("file", type=click.Path(exists=True, path_type=Path), required=False)
 @_json
 def info(file: Path | None, as_json: bool) -> None:
     """Say what a file holds, and what this program is made of.
@@ -307,12 +307,12 @@ def info(file: Path | None, as_json: bool) -> None:
       stereopsis info
       stereopsis info disparity.png
       stereopsis info calib.txt --json
+      stereopsis info kitti2015
 
-    FILE may be a disparity map, an image, a calibration or a .ply point cloud.
+    FILE may be a disparity map, an image, a calibration, a .ply point cloud, or a data set: its folder, or a
+    .csv or .parquet table of paths.
     """
-    from stereopsis import io
-
-    described = io.describe(file) if file else {}
+    described = _contents(file) if file else {}
     program = _program()
     if as_json:
         _print_json({**described, "program": program})
@@ -396,10 +396,10 @@ def study(
       stereopsis study DATASET -o report --windows 5:95:10 --methods ssd,zncc --pairs 3 --workers 2
       stereopsis study --settings report/settings.toml -o again
 
-    DATASET is a folder of NAME-left.*, NAME-right.* and NAME-disparity.png, or in the layout of KITTI 2015
-    or Middlebury; without it, streets are rendered. Every finished row is kept: an interrupted study goes on
-    where it stopped when the same command is given again. The exit code is 3 when something could not be
-    measured.
+    DATASET is a folder of NAME-left.*, NAME-right.* and NAME-disparity.png, or any other that 'stereopsis
+    info DATASET' recognises; without it, streets are rendered. Every finished row is kept: an interrupted
+    study goes on where it stopped when the same command is given again. The exit code is 3 when something
+    could not be measured.
     """
     from stereopsis import study as study_
 
@@ -501,7 +501,7 @@ def _compared(command: F) -> F:
     metavar="DATASET...",
     nargs=-1,
     required=True,
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=click.Path(exists=True, path_type=Path),
 )
 @click.option("--pairs", type=click.IntRange(min=1), help="Of each data set only so many, the first ones.")
 @click.option(
@@ -530,7 +530,8 @@ def accuracy(
       stereopsis bench accuracy kitti2015 --presets local,none --set vertical=estimate --no-opencv
       stereopsis bench accuracy kitti2015 --pairs 5 --csv pairs.csv
 
-    D1 to RMSE are over all known pixels, holes filled; 'own' over those that the method answers. Where a data
+    DATASET is a folder, or a .csv or .parquet table of paths, that 'stereopsis info DATASET' recognises. D1
+    to RMSE are over all known pixels, holes filled; 'own' over those that the method answers. Where a data
     set tells occluded pixels apart, they do not count. The exit code is 3 when something could not be
     measured.
     """
@@ -703,6 +704,14 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
         raise ValueError(f"{path} is no mask: it holds other values than 0, 128 and 255, or 0 and 1")
     white: npt.NDArray[np.bool_] = picture == (255 if values - {0, 1} else 1)
     return white
+
+
+def _contents(path: Path) -> dict[str, Any]:
+    """What a file or a data set holds."""
+    from stereopsis import datasets, io
+
+    is_data_set = path.is_dir() or path.suffix.lower() in (".csv", ".parquet")
+    return datasets.open(path).describe() if is_data_set else io.describe(path)
 
 
 def _size(pixels: npt.NDArray[Any]) -> str:

@@ -1,31 +1,125 @@
-"""DrivingStereo, pairs kept side by side in one flat folder.
+"""DrivingStereo: the official folders at half or full size, and pairs side by side in one flat folder.
 
 G. Yang et al.: DrivingStereo: a large-scale dataset for stereo matching in autonomous driving scenarios. CVPR
-2019, doi:10.1109/CVPR.2019.00099. The truth comes from a lidar: sparse, and not split by occlusion.
+2019, doi:10.1109/CVPR.2019.00099; https://drivingstereo-dataset.github.io. The truth comes from a lidar:
+sparse, and not split by occlusion; 16 bits, 256 times the disparity at half size and 128 times at full size,
+0 where unknown.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
 
-from stereopsis.datasets.sample import Sample, present, views
+import numpy as np
+import numpy.typing as npt
+
+from stereopsis.datasets.folder import Folder, only_one, right_view
+from stereopsis.datasets.readers import Scaled
+from stereopsis.datasets.sample import Sample
+from stereopsis.io._errors import naming
+from stereopsis.io.calibration import check_calibration
+from stereopsis.types import Calibration
 
 NAME = "DrivingStereo"
-LAYOUT = "NAME-left.jpg, NAME-right.jpg, NAME-disparity.png"
+LAYOUT = (
+    "NAME-left.jpg, NAME-right.jpg, NAME-disparity.png; or train-left-image/SEQUENCE/NAME.jpg, "
+    "train-right-image, train-disparity-map; or left-image-half-size, right-image-half-size, "
+    "disparity-map-half-size, or -full-size, here, in test-left-image and its like, or in a folder for "
+    "each weather"
+)
+
+_SIZES = ["left-image-half-size", "left-image-full-size"]
 
 
-def find(folder: Path) -> tuple[Sample, ...]:
+def find(folder: Folder) -> list[Sample]:
     """List the pairs of a folder, none if it is laid out otherwise."""
-    return tuple(
-        _sample(left, left.name.removesuffix(f"-left{left.suffix}"))
-        for left in sorted(folder.glob("*-left.*"))
-        if left.suffix in (".jpg", ".png")
-    )
+    return list(_flat(folder)) or list(_official(folder))
 
 
-def _sample(left: Path, name: str) -> Sample:
-    return Sample(
-        name,
-        *views(left, left.with_name(f"{name}-right{left.suffix}")),
-        truth_file=present(left.with_name(f"{name}-disparity.png")),
-    )
+def _flat(folder: Folder) -> Iterator[Sample]:
+    for file in folder.files:
+        name, _, kind = file.rpartition("-left.")
+        if kind in ("jpg", "png"):
+            left = folder.path / file
+            right = right_view(left, folder, f"{name}-right.{kind}")
+            yield Sample(name, left, right, folder.file(f"{name}-disparity.png"))
+
+
+def _official(folder: Folder) -> Iterator[Sample]:
+    """Train, test, and the weathers, whose names begin with ``train/``, ``test/`` and the weather."""
+    above = folder.parent if folder.name in ("train-left-image", "test-left-image", *_SIZES) else None
+    if above and above.name == "test-left-image":
+        yield from _images(above.parent, (above.name, folder.name), "")
+    elif above:
+        yield from _images(above, (folder.name,), "")
+    for part in ("train", "test"):
+        if folder / f"{part}-left-image":
+            yield from _images(folder, (f"{part}-left-image",), f"{part}/")
+    for prefix, root in [("", folder), *((f"{weather.name}/", weather) for weather in folder.folders)]:
+        if "left-image" not in root.name and (size := only_one(root, _SIZES)):
+            yield from _images(root, (size.name,), prefix)
+
+
+def _images(root: Folder, lefts: tuple[str, ...], prefix: str) -> Iterator[Sample]:
+    top = root.below(lefts)
+    only_one(top, _SIZES)
+    places = [root, root.parent]
+    for name, folder in top.walk(4):
+        parts = (*lefts, *filter(None, name.split("/")))
+        # The three trees differ in one word of their folders' names.
+        rights, truths = (
+            root.below(part.replace("left-image", word) for part in parts)
+            for word in ("right-image", "disparity-map")
+        )
+        sequence = "".join(f"{part}/" for part in parts[len(lefts) :] if part not in _SIZES)
+        full = _SIZES[1] in parts
+        for file in folder.files:
+            left = folder.path / file
+            if left.suffix not in (".jpg", ".png"):
+                continue
+            yield Sample(
+                f"{prefix}{sequence}{left.stem}",
+                left,
+                right_view(left, rights, file),
+                truths.file(f"{left.stem}.png"),
+                _calibration_file(places, f"{left.stem.partition('_')[0]}.txt", full),
+                read_truth=Scaled(128 if full else 256),
+                read_calibration=read_calibration,
+            )
+
+
+def _calibration_file(places: list[Folder], name: str, full: bool) -> Path | None:
+    folder = f"{'full' if full else 'half'}-image-calib"
+    within = [inner for place in places for inner in (place / folder, place / folder / folder)]
+    return next(filter(None, (inner.file(name) for inner in within)), None)
+
+
+def read_calibration(file: Path) -> Calibration:
+    """Read a file of ``half-image-calib`` or ``full-image-calib``: the left camera is 101, the right 103."""
+    data = file.read_bytes()
+    with naming(file):
+        lines = (line.partition(":") for line in data.decode("ascii").splitlines())
+        numbers = {key: value.split() for key, _, value in lines}
+        left, right = (_numbers(numbers, f"P_rect_{camera}", (3, 4)) for camera in (101, 103))
+        # From where the cameras stand: the last column of P_rect_103 is not halved in the files of half size.
+        places = [
+            _numbers(numbers, f"R_{camera}", (3, 3)).T @ _numbers(numbers, f"T_{camera}", (3,))
+            for camera in (101, 103)
+        ]
+        return check_calibration(
+            Calibration(
+                focal=float(left[0, 0]),
+                cx=float(left[0, 2]),
+                cy=float(left[1, 2]),
+                baseline=float(np.linalg.norm(places[1] - places[0])),
+                doffs=float(right[0, 2] - left[0, 2]),
+            )
+        )
+
+
+def _numbers(lines: dict[str, list[str]], key: str, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    if len(lines.get(key, ())) != math.prod(shape):
+        raise ValueError(f"the calibration has no {key} of {math.prod(shape)} numbers")
+    return np.array(lines[key], np.float64).reshape(shape)

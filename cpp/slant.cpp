@@ -82,6 +82,7 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
   int inliers = 0;
   parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
     std::vector<Point> points;
+    points.reserve(static_cast<size_t>(std::max(height - search.top, 0)) * width);
     for (int y = search.top; y < height; ++y)
       for (int x = 0; x < width; ++x) {
         const float d = disparity[static_cast<size_t>(y) * width + x];

@@ -12,19 +12,20 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 import stereopsis as st
+from stereopsis import colormaps
 
 Picture = npt.NDArray[np.uint8]
 
-# Okabe and Ito's colours, which stay apart for any colour vision.
+# Those that a street has: sky is matched there, and nothing filled.
 FLAG_COLOURS = {
-    st.Flag.OCCLUDED: (230, 159, 0),
-    st.Flag.MISMATCHED: (213, 94, 0),
-    st.Flag.AMBIGUOUS: (86, 180, 233),
-    st.Flag.LOW_TEXTURE: (0, 114, 178),
-    st.Flag.OUT_OF_VIEW: (40, 40, 40),
-    st.Flag.SPECKLE: (0, 158, 115),
+    flag: colour
+    for flag, colour in colormaps.FLAG_COLOURS.items()
+    if flag not in (st.Flag.SKY, st.Flag.FILLED)
 }
-LINE_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#d55e00")
+LINE_COLOURS = [
+    colormaps.hex_code(colour)
+    for colour in (colormaps.BLUE, colormaps.ORANGE, colormaps.GREEN, colormaps.VERMILLION)
+]
 RANGE = (0, 96)
 SHOWN = (0.0, 75.0)  # the disparities of the first and the last colour
 

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from stereopsis import colormaps
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito's, but for black and yellow: apart for every kind of colour vision, on white and on black.
-COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C8C8C")
+COLOURS: Final = tuple(colormaps.hex_code(colour) for colour in colormaps.LINES)
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
 STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
 INK: Final = "#010203"

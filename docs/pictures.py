@@ -41,6 +41,7 @@ def main(arguments: Sequence[str]) -> None:
     save(folder / "slice.png", volume_slice(scene))
     save(folder / "fill.png", filled(result))
     save(folder / "presets.png", presets())
+    Image.fromarray(plots(scene)).save(folder / "plots.png", optimize=True)
     for name, drawing in {
         "costs.svg": cost_curves(),
         "anchor.svg": anchors(),
@@ -95,6 +96,34 @@ def filled(result: st.Result) -> Picture:
     whole = st.fill.background(result.disparity)
     shown = {"as matched": result.disparity, "filled from the background": whole}
     return beside([label(halved(st.io.colorize(map_, SHOWN)), text) for text, map_ in shown.items()])
+
+
+def plots(scene: st.scenes.Scene) -> Picture:
+    """What `stereopsis.plot` draws."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    truth = scene.disparity
+    result = st.match(scene.pair, preset="fast", disparities=RANGE, confidence="calibrated", keep=("costs",))
+    answered = np.isfinite(result.disparity) & np.isfinite(truth)
+    right = np.abs(result.disparity[answered] - truth[answered]) <= 3
+    x, y = 640, 300
+    figure = Figure(figsize=(13, 13.6), dpi=75, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.subplots(4, 2, height_ratios=(4, 4, 5, 5))
+    st.plot.disparity(result, axes[0, 0])
+    st.plot.error(result, truth, axes[0, 1], limit=3)
+    st.plot.confidence(result, axes[1, 0])
+    st.plot.flags(result, axes[1, 1])
+    st.plot.cost_curve(result, x, y, axes[2, 0], truth=float(truth[y, x]))
+    st.plot.sparsification(st.sparsification(result.disparity, result.confidence, truth), axes[2, 1])
+    st.plot.reliability(st.reliability(result.confidence[answered], right), axes[3, 0])
+    windows = {f"window {n} x {n}": st.SSD(n) for n in (5, 15, 31)}
+    found = {name: st.match(scene.pair, disparities=RANGE, cost=cost) for name, cost in windows.items()}
+    curves = {name: st.sparsification(r.disparity, r.confidence, truth, "epe") for name, r in found.items()}
+    st.plot.sparsification(curves, axes[3, 1], measure="epe")
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
 
 
 def presets() -> Picture:

@@ -1,6 +1,6 @@
 """Disparity maps that can be trusted, from rectified stereo pairs."""
 
-from stereopsis import colormaps, datasets, io, scenes
+from stereopsis import colormaps, datasets, io, plot, scenes
 from stereopsis.evaluate import Scores, error_map, evaluate
 from stereopsis.io import (
     depth,
@@ -84,6 +84,7 @@ __all__ = [
     "io",
     "match",
     "pixel_locking",
+    "plot",
     "points",
     "read_calibration",
     "read_disparity",

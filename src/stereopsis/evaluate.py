@@ -140,6 +140,12 @@ class Scores:
             [head, *(f"{row[0]:10}" + "".join(f"{cell:>12}" for cell in row[1:]) for row in table)]
         )
 
+    def _repr_html_(self) -> str:
+        """Show the scores in a notebook."""
+        from stereopsis import notebook
+
+        return notebook.scores(self)
+
 
 _ROWS = (
     ("< 0.25 px", "within_0_25", "%"),

@@ -116,7 +116,7 @@ class Study:
         """
         try:
             values = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
             raise ValueError(f"{source} is not TOML: {error}") from None
         known = {field.name for field in dataclasses.fields(cls)}
         for name in values:

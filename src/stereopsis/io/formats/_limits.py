@@ -11,6 +11,9 @@ MAX_PIXELS = 2**28
 MAX_SIDE = 10**6
 """The longest side that is read, which is libpng's limit too."""
 
+MAX_BYTES = 2**33
+"""The largest file that is read: that many pixels, of three doubles each, and some room."""
+
 _HARMLESS = 2**26
 _DEFLATE_LIMIT = 1032  # https://zlib.net/zlib_tech.html; JPEG packs no more than 1024 : 1
 

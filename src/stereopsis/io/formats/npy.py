@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from typing import Any
+from math import prod
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,20 @@ _HEADER = re.compile(
 
 def decode(data: bytes) -> npt.NDArray[Any]:
     """Decode an array of real numbers, ``(H, W)`` or ``(H, W, C)``."""
-    begin = 10 if data[6] == 1 else 12
+    start, shape, dtype, order = _header(data)
+    check_length(len(data) - start, dtype.itemsize * prod(shape))
+    return np.frombuffer(data, dtype, offset=start).reshape(shape, order=order)
+
+
+def most_bytes(start: bytes) -> int:
+    """The bytes of a file that begins so."""
+    begin, shape, dtype, _ = _header(start)
+    return begin + dtype.itemsize * prod(shape)
+
+
+def _header(data: bytes) -> tuple[int, tuple[int, ...], np.dtype[Any], Literal["C", "F"]]:
+    """Where the numbers begin, their shape, type and order."""
+    begin = 10 if data[6:7] == b"\1" else 12
     start = begin + int.from_bytes(data[8:begin], "little")
     header = _HEADER.fullmatch(data[begin : min(start, 4096)])
     if header is None:
@@ -30,9 +44,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
     dtype = np.dtype(header[1].decode())
     shape = tuple(int(size) for size in header.groups()[2:] if size is not None)
     check_shape(shape, dtype.itemsize)
-    check_length(len(data) - start, dtype.itemsize * int(np.prod(shape)))
-    order: Any = "F" if header[2] == b"True" else "C"
-    return np.frombuffer(data, dtype, offset=start).reshape(shape, order=order)
+    return start, shape, dtype, "F" if header[2] == b"True" else "C"
 
 
 def encode(pixels: npt.NDArray[Any]) -> bytes:

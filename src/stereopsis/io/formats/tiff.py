@@ -5,15 +5,23 @@ from __future__ import annotations
 import io
 import logging
 from math import prod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis.io.formats import jpeg
 from stereopsis.io.formats._limits import check_length, check_shape
 from stereopsis.io.formats._orientation import TAG, upright
 
+if TYPE_CHECKING:
+    import tifffile
+
 _SILENT = logging.NullHandler()
+
+_JPEG = 7
+# None, CCITT, LZW, JPEG, deflate, PackBits, deflate as it was, LZMA, ZSTD.
+_COMPRESSIONS = {1, 2, 3, 4, 5, _JPEG, 8, 32773, 32946, 34925, 50000}
 
 
 def decode(data: bytes) -> npt.NDArray[Any]:
@@ -30,6 +38,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
             raise ValueError(f"a TIFF with axes {page.axes} of {page.dtype}; one plane or three is read")
         shape = page.shape if page.axes != "SYX" else page.shape[1:] + page.shape[:1]
         check_shape(shape, page.dtype.itemsize, len(data))
+        _check_compression(page, data)
         segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
         whole = sum(length > 0 and start + length <= len(data) for start, length in segments)
         if whole < max(prod(page.chunked), len(segments)):
@@ -55,6 +64,22 @@ def encode(pixels: npt.NDArray[Any]) -> bytes:
     photometric = "rgb" if pixels.ndim == 3 else "minisblack"
     tifffile.imwrite(file, np.ascontiguousarray(pixels), photometric=photometric, metadata=None)
     return file.getvalue()
+
+
+def _check_compression(page: tifffile.TiffPage, data: bytes) -> None:
+    """Refuse what its decoder would let grow beyond what the header says, and tiles that are too large."""
+    if int(page.compression) not in _COMPRESSIONS:
+        name = getattr(page.compression, "name", page.compression)
+        raise ValueError(f"a TIFF compressed by {name}; deflate, LZW, JPEG, ZSTD and LZMA are read")
+    if page.tiledepth != 1:
+        raise ValueError("a TIFF with tiles of several planes; one plane or three is read")
+    length, width, *samples = page.chunks
+    check_shape((length, width, *samples), np.dtype(page.dtype).itemsize, len(data))
+    if page.compression == _JPEG:
+        for start, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
+            rows, columns, _ = jpeg.frame(data[start : start + stored])
+            if rows > length or columns > width:
+                raise ValueError(f"damaged: a part of the TIFF holds {columns} x {rows} pixels")
 
 
 def _in_plain_colours(

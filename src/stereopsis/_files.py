@@ -51,7 +51,8 @@ def read(path: str | os.PathLike[str], most: int, what: str) -> bytes:
     with opened(path) as (file, size):
         if size > most:
             raise ValueError(f"{os.fspath(path)}: {size} bytes are too many for {what}; the limit is {most}")
-        return file.read(size)
+        # One byte more: even an empty file is tried, and a disk that fails is told from it.
+        return file.read(size + 1)
 
 
 def _without_waiting(path: str, flags: int) -> int:

@@ -98,7 +98,7 @@ class _Commands(click.Group):
             ctx.exit(PIPE_CLOSED)
 
 
-def _text(path: Path) -> str:
+def _settings_text(path: Path) -> str:
     """A small file's text."""
     from stereopsis import _files
 
@@ -425,7 +425,7 @@ def study(
         values["disparities"] = _range(values["disparities"])
     values = {name: value for name, value in values.items() if value is not None}
     if file:
-        start = study_.Study.from_toml(_text(file), str(file))
+        start = study_.Study.from_toml(_settings_text(file), str(file))
         chosen = dataclasses.replace(start, **values)
     else:
         chosen = study_.Study(**values)

@@ -811,7 +811,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 def _parse_toml(text: str, source: str) -> dict[str, Any]:
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: numbers of thousands of digits, too
         raise ValueError(f"{source} is not TOML: {error}") from None
     return {
         name: None if isinstance(value, str) and value.lower() == "none" else value

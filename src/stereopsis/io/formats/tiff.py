@@ -32,8 +32,8 @@ def decode(data: bytes) -> npt.NDArray[Any]:
     logging.getLogger("tifffile").addHandler(_SILENT)
     with tifffile.TiffFile(io.BytesIO(data)) as file:
         page = file.pages.first
-        if not all(isinstance(size, int) for size in page.shape):
-            raise ValueError("damaged: the TIFF's width or height is not a number")
+        if not all(isinstance(size, int) for size in (*page.shape, *page.chunks)):
+            raise ValueError("damaged: a width or height of the TIFF or its parts is not a number")
         if page.axes not in ("YX", "YXS", "SYX") or page.dtype is None:
             raise ValueError(f"a TIFF with axes {page.axes} of {page.dtype}; one plane or three is read")
         shape = page.shape if page.axes != "SYX" else page.shape[1:] + page.shape[:1]

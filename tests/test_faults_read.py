@@ -245,6 +245,7 @@ def test_socket_as_input() -> None:
         refused(path, OSError)
 
 
+@posix
 @pytest.mark.parametrize(
     "start",
     [

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import prod
 
+MAX_BYTES = 2**33
+"""The largest file that is read: `MAX_PIXELS` of three doubles each, and some room."""
+
 MAX_PIXELS = 2**28
 """The largest image that is read: 16384 by 16384."""
 
 MAX_SIDE = 10**6
 """The longest side that is read, which is libpng's limit too."""
-
-MAX_BYTES = 2**33
-"""The largest file that is read: that many pixels, of three doubles each, and some room."""
 
 _HARMLESS = 2**26
 _DEFLATE_LIMIT = 1032  # https://zlib.net/zlib_tech.html; JPEG packs no more than 1024 : 1

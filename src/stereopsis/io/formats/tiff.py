@@ -28,8 +28,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
     """Decode the first page of a TIFF; alpha is dropped, palettes become colour, 1 bit becomes 0 and 255."""
     import tifffile
 
-    # tifffile logs what it meets in a broken file; without a handler Python would print that.
-    logging.getLogger("tifffile").addHandler(_SILENT)
+    silence()
     with tifffile.TiffFile(io.BytesIO(data)) as file:
         page = file.pages.first
         if not all(isinstance(size, int) for size in (*page.shape, *page.chunks)):
@@ -50,7 +49,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
         pixels = np.asarray(page.asarray(maxworkers=1)).reshape(page.shape)
         if page.axes == "SYX":
             pixels = np.moveaxis(pixels, 0, 2)
-        pixels = _in_plain_colours(
+        pixels = in_plain_colours(
             pixels, getattr(page.photometric, "name", str(page.photometric)), page.colormap
         )
         return upright(pixels, page.tags.valueof(TAG, 1))
@@ -66,25 +65,15 @@ def encode(pixels: npt.NDArray[Any]) -> bytes:
     return file.getvalue()
 
 
-def _check_compression(page: tifffile.TiffPage, data: bytes) -> None:
-    """Refuse what its decoder would let grow beyond what the header says, and tiles that are too large."""
-    if int(page.compression) not in _COMPRESSIONS:
-        name = getattr(page.compression, "name", page.compression)
-        raise ValueError(f"a TIFF compressed by {name}; deflate, LZW, JPEG, ZSTD and LZMA are read")
-    if page.tiledepth != 1:
-        raise ValueError("a TIFF with tiles of several planes; one plane or three is read")
-    length, width, *samples = page.chunks
-    check_shape((length, width, *samples), np.dtype(page.dtype).itemsize, len(data))
-    if page.compression == _JPEG:
-        for start, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
-            rows, columns, _ = jpeg.frame(data[start : start + stored])
-            if rows > length or columns > width:
-                raise ValueError(f"damaged: a part of the TIFF holds {columns} x {rows} pixels")
+def silence() -> None:
+    """Keep Python from printing what tifffile logs of a broken file, which it does without a handler."""
+    logging.getLogger("tifffile").addHandler(_SILENT)
 
 
-def _in_plain_colours(
+def in_plain_colours(
     pixels: npt.NDArray[Any], photometric: str, colormap: npt.NDArray[Any] | None
 ) -> npt.NDArray[Any]:
+    """Pixels as grey or RGB, whatever the file's colours."""
     if pixels.dtype == bool:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
     match photometric:
@@ -101,3 +90,19 @@ def _in_plain_colours(
             raise ValueError(
                 f"a TIFF in {photometric} colours with shape {pixels.shape}; grey and RGB are read"
             )
+
+
+def _check_compression(page: tifffile.TiffPage, data: bytes) -> None:
+    """Refuse what its decoder would let grow beyond what the header says, and tiles that are too large."""
+    if int(page.compression) not in _COMPRESSIONS:
+        name = getattr(page.compression, "name", page.compression)
+        raise ValueError(f"a TIFF compressed by {name}; deflate, LZW, JPEG, ZSTD and LZMA are read")
+    if page.tiledepth != 1:
+        raise ValueError("a TIFF with tiles of several planes; one plane or three is read")
+    length, width, *samples = page.chunks
+    check_shape((length, width, *samples), np.dtype(page.dtype).itemsize, len(data))
+    if page.compression == _JPEG:
+        for start, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
+            rows, columns, _ = jpeg.frame(data[start : start + stored])
+            if rows > length or columns > width:
+                raise ValueError(f"damaged: a part of the TIFF holds {columns} x {rows} pixels")

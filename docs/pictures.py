@@ -12,19 +12,20 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 import stereopsis as st
+from stereopsis import colormaps
 
 Picture = npt.NDArray[np.uint8]
 
-# Okabe and Ito's colours, which stay apart for any colour vision.
+# Those that a street has: sky is matched there, and nothing filled.
 FLAG_COLOURS = {
-    st.Flag.OCCLUDED: (230, 159, 0),
-    st.Flag.MISMATCHED: (213, 94, 0),
-    st.Flag.AMBIGUOUS: (86, 180, 233),
-    st.Flag.LOW_TEXTURE: (0, 114, 178),
-    st.Flag.OUT_OF_VIEW: (40, 40, 40),
-    st.Flag.SPECKLE: (0, 158, 115),
+    flag: colour
+    for flag, colour in colormaps.FLAG_COLOURS.items()
+    if flag not in (st.Flag.SKY, st.Flag.FILLED)
 }
-LINE_COLOURS = ("#0072b2", "#e69f00", "#009e73", "#d55e00")
+LINE_COLOURS = [
+    colormaps.hex_code(colour)
+    for colour in (colormaps.BLUE, colormaps.ORANGE, colormaps.GREEN, colormaps.VERMILLION)
+]
 RANGE = (0, 96)
 SHOWN = (0.0, 75.0)  # the disparities of the first and the last colour
 
@@ -40,6 +41,7 @@ def main(arguments: Sequence[str]) -> None:
     save(folder / "slice.png", volume_slice(scene))
     save(folder / "fill.png", filled(result))
     save(folder / "presets.png", presets())
+    Image.fromarray(plots(scene)).save(folder / "plots.png", optimize=True)
     for name, drawing in {
         "costs.svg": cost_curves(),
         "anchor.svg": anchors(),
@@ -94,6 +96,34 @@ def filled(result: st.Result) -> Picture:
     whole = st.fill.background(result.disparity)
     shown = {"as matched": result.disparity, "filled from the background": whole}
     return beside([label(halved(st.io.colorize(map_, SHOWN)), text) for text, map_ in shown.items()])
+
+
+def plots(scene: st.scenes.Scene) -> Picture:
+    """What `stereopsis.plot` draws."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    truth = scene.disparity
+    result = st.match(scene.pair, preset="fast", disparities=RANGE, confidence="calibrated", keep=("costs",))
+    answered = np.isfinite(result.disparity) & np.isfinite(truth)
+    right = np.abs(result.disparity[answered] - truth[answered]) <= 3
+    x, y = 640, 300
+    figure = Figure(figsize=(13, 13.6), dpi=75, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.subplots(4, 2, height_ratios=(4, 4, 5, 5))
+    st.plot.disparity(result, axes[0, 0])
+    st.plot.error(result, truth, axes[0, 1], limit=3)
+    st.plot.confidence(result, axes[1, 0])
+    st.plot.flags(result, axes[1, 1])
+    st.plot.cost_curve(result, x, y, axes[2, 0], truth=float(truth[y, x]))
+    st.plot.sparsification(st.sparsification(result.disparity, result.confidence, truth), axes[2, 1])
+    st.plot.reliability(st.reliability(result.confidence[answered], right), axes[3, 0])
+    windows = {f"window {n} x {n}": st.SSD(n) for n in (5, 15, 31)}
+    found = {name: st.match(scene.pair, disparities=RANGE, cost=cost) for name, cost in windows.items()}
+    curves = {name: st.sparsification(r.disparity, r.confidence, truth, "epe") for name, r in found.items()}
+    st.plot.sparsification(curves, axes[3, 1], measure="epe")
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
 
 
 def presets() -> Picture:

@@ -98,6 +98,16 @@ class _Commands(click.Group):
             ctx.exit(PIPE_CLOSED)
 
 
+def _settings_text(path: Path) -> str:
+    """A small file's text."""
+    from stereopsis import _files
+
+    try:
+        return _files.read(path, 2**18, "settings").decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not a TOML file: {error.reason}") from None
+
+
 def _range(text: str) -> tuple[int, int]:
     """MIN:MAX, like Python's range."""
     try:
@@ -415,7 +425,7 @@ def study(
         values["disparities"] = _range(values["disparities"])
     values = {name: value for name, value in values.items() if value is not None}
     if file:
-        start = study_.Study.from_toml(file.read_text(encoding="utf-8"), str(file))
+        start = study_.Study.from_toml(_settings_text(file), str(file))
         chosen = dataclasses.replace(start, **values)
     else:
         chosen = study_.Study(**values)

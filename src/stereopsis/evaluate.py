@@ -11,30 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import fill
+from stereopsis.colormaps import ERROR_COLOURS, UNANSWERED_COLOUR, UNKNOWN_COLOUR
 
 FloatMap = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-Colour = tuple[int, int, int]
-
-ERROR_COLOURS: tuple[tuple[float, Colour], ...] = (
-    (0.0625, (49, 54, 149)),
-    (0.125, (69, 117, 180)),
-    (0.25, (116, 173, 209)),
-    (0.5, (171, 217, 233)),
-    (1.0, (224, 243, 248)),
-    (2.0, (254, 224, 144)),
-    (4.0, (253, 174, 97)),
-    (8.0, (244, 109, 67)),
-    (16.0, (215, 48, 39)),
-    (math.inf, (165, 0, 38)),
-)
-"""The bands of `error_map`: the normalised error below which each colour (R, G, B) holds."""
-
-UNKNOWN_COLOUR: Colour = (0, 0, 0)
-"""`error_map` where the truth is unknown or masked out."""
-
-UNANSWERED_COLOUR: Colour = (128, 128, 128)
-"""`error_map` where the truth is known and the map gives no answer."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +139,12 @@ class Scores:
         return "\n".join(
             [head, *(f"{row[0]:10}" + "".join(f"{cell:>12}" for cell in row[1:]) for row in table)]
         )
+
+    def _repr_html_(self) -> str:
+        """Show the scores in a notebook."""
+        from stereopsis import notebook
+
+        return notebook.scores(self)
 
 
 _ROWS = (

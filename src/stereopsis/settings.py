@@ -7,12 +7,13 @@ import difflib
 import json
 import numbers
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, cast
 
+from stereopsis import _files
 from stereopsis._fused import MOST_AGGREGATED, streams_census
 from stereopsis._numbers import is_number, is_whole
 from stereopsis.optimize import (
@@ -131,6 +132,7 @@ CHANNELS = ("grey", "separate")
 MAX_STEP = 255
 MAX_VERTICAL = 1000
 MAX_PYRAMID = 5
+_MAX_BYTES = 2**18  # of a TOML file
 SLANTS = ("road", "planes")
 KEEP = ("costs", "right_disparity", "texture", "unfiltered", "planes", "segments", "vertical")
 
@@ -298,18 +300,28 @@ class Settings:
         ValueError
             For an unknown name, with the nearest known one, or a value that is not allowed.
         """
-        given: dict[str, Any] = {}
-        if file is not None:
-            given |= _read_toml(Path(file))
+        stored = {} if file is None else _read_toml(Path(file))
+        given = dict(stored)
         for assignment in assignments:
             name, equals, value = assignment.partition("=")
             if not equals:
                 raise ValueError(f"a setting is given as NAME=VALUE, not {assignment!r}")
             given[name.strip()] = _from_text(name.strip(), value.strip())
         given |= changes
-        in_file = given.pop("preset", None)
-        start = preset if preset is not None else in_file
-        return (named(start) if start is not None else cls()).changed(**given)
+        try:
+            return cls._started(preset, given)
+        except (ValueError, TypeError) as error:
+            if file is not None and _same_refusal(error, lambda: cls._started(preset, stored)):
+                raise ValueError(f"{file}: {error}") from None
+            raise
+
+    @classmethod
+    def _started(cls, preset: str | None, given: Mapping[str, Any]) -> Settings:
+        """From a preset, by name or among what is given, with everything else that is given."""
+        changes = dict(given)
+        among = changes.pop("preset", None)
+        start = preset if preset is not None else among
+        return (named(start) if start is not None else cls()).changed(**changes)
 
     def changed(self, **changes: Any) -> Settings:
         """A copy with other values: any field, the cost's `window` or `aggregation`, `OPTIMIZER_PARTS`."""
@@ -779,9 +791,18 @@ def _from_text(name: str, text: str) -> Any:
             return number(text)
 
 
+def _same_refusal(error: Exception, make: Callable[[], object]) -> bool:
+    """Whether `make` is refused for the same reason."""
+    try:
+        make()
+    except (ValueError, TypeError) as other:
+        return str(other) == str(error)
+    return False
+
+
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = _files.read(path, _MAX_BYTES, "settings").decode("utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not a TOML file: {error.reason}") from None
     return _parse_toml(text, str(path))
@@ -790,7 +811,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 def _parse_toml(text: str, source: str) -> dict[str, Any]:
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: numbers of thousands of digits, too
         raise ValueError(f"{source} is not TOML: {error}") from None
     return {
         name: None if isinstance(value, str) and value.lower() == "none" else value

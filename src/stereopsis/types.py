@@ -177,6 +177,12 @@ class Result:
         """The fraction of pixels that hold a disparity."""
         return float(np.mean(np.isfinite(self.disparity))) if self.disparity.size else 0.0
 
+    def _repr_html_(self) -> str:
+        """Show the result in a notebook."""
+        from stereopsis import notebook
+
+        return notebook.result(self)
+
 
 def worst_cost(dtype: npt.DTypeLike) -> Any:
     """What a candidate that is not possible costs: infinity, or the largest of a type of whole numbers."""

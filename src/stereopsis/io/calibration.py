@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._files import read
 from stereopsis.io._errors import StrPath, naming
 from stereopsis.io.atomic import write_bytes
 from stereopsis.types import Calibration
 
 Format = Literal["kitti", "middlebury", "opencv"]
 
-_MAX_BYTES = 2**18
+MAX_BYTES = 2**18
+"""The largest calibration that is read."""
+
+_MAX_YAML = 2**16  # PyYAML takes seconds for more
 _MAX_ROW_DIFFERENCE = 0.5  # px between the principal points' rows; more is no rectified pair
 
 
@@ -57,7 +60,7 @@ def read_calibration(
     ValueError
         It is none of the three, lacks a value, or holds a geometry that no rectified pair has.
     """
-    data = Path(path).read_bytes()
+    data = read(path, MAX_BYTES, "a calibration")
     with naming(path):
         return parse(data, cameras, baseline_unit)[1]
 
@@ -68,7 +71,7 @@ def parse(
     """Which format the bytes of a calibration file are in, and what they say; see `read_calibration`."""
     if not data:
         raise ValueError("the file is empty")
-    if len(data) > _MAX_BYTES:
+    if len(data) > MAX_BYTES:
         raise ValueError(f"{len(data)} bytes are too many for a calibration")
     format = identify(data)
     try:
@@ -186,8 +189,12 @@ def _middlebury(text: str, unit: float) -> Calibration:
 def _opencv(text: str, unit: float) -> Calibration:
     import yaml
 
+    if len(text) > _MAX_YAML:
+        raise ValueError(f"{len(text)} characters are too many for a calibration of OpenCV")
+
     class Loader(yaml.SafeLoader):
-        pass
+        def flatten_mapping(self, node: yaml.MappingNode) -> None:
+            """Leave "<<" alone: merging what was merged before takes more memory than there is."""
 
     def matrix(loader: yaml.SafeLoader, node: yaml.Node) -> npt.NDArray[np.float64]:
         if not isinstance(node, yaml.MappingNode):
@@ -273,7 +280,9 @@ def _number(name: str, text: Any) -> float:
     try:
         return float(text)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} holds {str(text)[:40]!r}, which is not a number") from None
+        # Of lists within lists that share their parts, the text alone may fill the memory.
+        said = repr(text[:40]) if isinstance(text, str) else f"a {type(text).__name__}"
+        raise ValueError(f"{name} holds {said}, which is not a number") from None
 
 
 def _matrix(name: str, values: list[Any], shape: tuple[int, int]) -> npt.NDArray[np.float64]:

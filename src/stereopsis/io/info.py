@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from stereopsis._files import opened
 from stereopsis.io import calibration
 from stereopsis.io._errors import StrPath, naming
 from stereopsis.io.disparity import as_disparity
-from stereopsis.io.formats import Raster, decode, identify
+from stereopsis.io.formats import BEGINNING, Raster, check_size, decode, identify
+from stereopsis.io.formats._limits import MAX_BYTES
 from stereopsis.io.images import as_image
+
+_PLY = (b"ply\n", b"ply\r\n")
 
 # The short names of PLY; the long ones, float32 and so on, are NumPy's too.
 _PLY_TYPES = {
@@ -54,16 +57,33 @@ def describe(path: StrPath) -> dict[str, Any]:
     ValueError
         It is none of these, or damaged.
     """
-    data = Path(path).read_bytes()
+    with opened(path) as (file, size):
+        start = file.read(max(BEGINNING, calibration.MAX_BYTES + 1))
+        with naming(path):
+            _check_size(start, size)
+        data = start + file.read(max(size - len(start), 0))
     with naming(path):
-        if data.startswith((b"ply\n", b"ply\r\n")):
+        if data.startswith(_PLY):
             found = _points(data)
-        elif identify(data) is None and calibration.identify(data) is not None:
+        elif _is_calibration(data):
             format, camera = calibration.parse(data)
             found = {"kind": "calibration", "format": format, **dataclasses.asdict(camera)}
         else:
             found = _pixels(decode(data))
     return {"file": str(path), **found}
+
+
+def _check_size(start: bytes, size: int) -> None:
+    """Refuse, from its beginning, a file that is none of what is described or larger than it can be."""
+    if start.startswith(_PLY):
+        if size > MAX_BYTES:
+            raise ValueError(f"{size} bytes are too many; at most {MAX_BYTES} are read")
+    elif not (_is_calibration(start) and size <= len(start)):
+        check_size(start, size)
+
+
+def _is_calibration(data: bytes) -> bool:
+    return identify(data) is None and calibration.identify(data) is not None
 
 
 def _pixels(raster: Raster) -> dict[str, Any]:

@@ -8,26 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from stereopsis import plot
+from stereopsis.plot import COLOURS, MARKERS, STYLES, Series, legend_above
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito's, but for black and yellow: apart for every kind of colour vision, on white and on black.
-COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C8C8C")
-MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
-STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
 INK: Final = "#010203"
 """Stands for the page's text colour until the figure is written."""
-
-
-@dataclass(frozen=True)
-class Series:
-    """A line, with the interval of each point where there is one."""
-
-    label: str
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    low: tuple[float, ...] = ()
-    high: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,38 +39,7 @@ def lines(
     """Lines with bands; `marks` are vertical lines with a label."""
 
     def draw(axes: Axes) -> None:
-        for number, one in enumerate(series):
-            scale = 100 if percent else 1
-            axes.plot(
-                one.x,
-                [scale * value for value in one.y],
-                label=one.label,
-                color=COLOURS[number % len(COLOURS)],
-                marker=MARKERS[number % len(MARKERS)],
-                linestyle=STYLES[number % len(STYLES)],
-                markersize=4,
-            )
-            if one.low:
-                axes.fill_between(
-                    one.x,
-                    [scale * value for value in one.low],
-                    [scale * value for value in one.high],
-                    color=COLOURS[number % len(COLOURS)],
-                    alpha=0.16,
-                    linewidth=0,
-                )
-        if zero:
-            axes.set_ylim(bottom=0)
-        points = series[0].x if series else ()
-        if 1 < len(points) <= 10 and all(float(place).is_integer() for place in points):
-            axes.set_xticks(points)
-        for at, label in marks:
-            axes.axvline(at, color=INK, linewidth=0.7, linestyle=":")
-            axes.annotate(
-                label, (at, 1), (3, -3), xycoords=("data", "axes fraction"), textcoords="offset points",
-                va="top", fontsize=8,
-            )  # fmt: skip
-        axes.legend(**_legend(len(series)))
+        plot.lines(axes, series, percent=percent, zero=zero, marks=marks)
 
     said = "; ".join(
         f"{one.label}: from {one.y[0]:.3g} to {one.y[-1]:.3g}, least {min(one.y):.3g}, most {max(one.y):.3g}"
@@ -116,7 +73,7 @@ def scatter(
                     axes.annotate(
                         text, (px, py), (4, 3), textcoords="offset points", fontsize=7, color=colour
                     )
-        axes.legend(**_legend(len(groups) + 1))
+        axes.legend(**legend_above(len(groups) + 1))
 
     names = ", ".join(label for label, _ in groups)
     return _panel(draw, x, y, title, f"{y} against {x} of {names}.", height=4.2)
@@ -150,7 +107,7 @@ def bars(
         axes.axvline(0, color=INK, linewidth=0.7)
         axes.grid(visible=False, axis="y")
         if len(series) > 1:
-            axes.legend(**_legend(len(series)))
+            axes.legend(**legend_above(len(series)))
 
     said = "; ".join(
         f"{label}: " + ", ".join(f"{one.label} {one.y[n]:.3g}" for one in series)
@@ -158,20 +115,6 @@ def bars(
     )
     height = 1.1 + 0.2 * len(labels) * max(1.6, len(series))
     return _panel(draw, x + (" (%)" if percent else ""), "", title, f"{title or x}. {said}.", height=height)
-
-
-def _legend(entries: int) -> dict[str, Any]:
-    columns = 3 if entries > 4 else max(1, min(entries, 2))
-    return {
-        "loc": "lower center",
-        "bbox_to_anchor": (0.5, 1.0),
-        "ncols": columns,
-        "frameon": False,
-        "fontsize": 8,
-        "handlelength": 2.6,
-        "columnspacing": 1.2,
-        "borderaxespad": 0.2,
-    }
 
 
 def _panel(draw: Any, x: str, y: str, title: str, alt: str, height: float = 3.4) -> Panel:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import os
 import platform
 import sys
@@ -15,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _fused, io
+from stereopsis import _fused, colormaps, io
 from stereopsis.evaluate import error_map
 from stereopsis.io.atomic import write_bytes
 from stereopsis.io.formats import jpeg, png
@@ -86,6 +87,7 @@ def write(
         toml=_shown(study),
         sections=sections,
         examples=_examples(plan, outcome, report, pictures),
+        error_legend=_error_legend(),
         failed=outcome.failed,
         settings=_settings(outcome),
         facts=facts(outcome, seconds),
@@ -113,6 +115,19 @@ def facts(outcome: Outcome, seconds: float) -> Mapping[str, str]:
         "Python": sys.version.split()[0],
         **versions,
     }
+
+
+def _error_legend() -> list[tuple[str, colormaps.Colour]]:
+    """What some of the colours of an error map say; a normalised error of 1 is 3 px, or 5 % of the truth."""
+    bands = dict(colormaps.ERROR_COLOURS)
+    return [
+        ("none", bands[0.0625]),
+        ("below 1.5 px", bands[0.5]),
+        ("from 3 px and 5 %", bands[2.0]),
+        ("from 48 px", bands[math.inf]),
+        ("not answered", colormaps.UNANSWERED_COLOUR),
+        ("truth unknown", colormaps.UNKNOWN_COLOUR),
+    ]
 
 
 def _shown(study: Study) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import datasets, scenes
+from stereopsis._files import opened
 from stereopsis.datasets import Sample
 from stereopsis.types import DisparityMap, Pair
 
@@ -79,7 +80,7 @@ class FilePair:
             self.sample.truth_file,
             self.sample.calibration_file,
         ):
-            digest.update(hashlib.sha256(file.read_bytes()).digest() if file else b"none")
+            digest.update(_digest(file) if file else b"none")
         mask = self.sample.mask()
         if mask is not None:
             digest.update(np.packbits(mask).tobytes())
@@ -179,6 +180,11 @@ def _flat(folder: Path) -> tuple[Source, ...]:
         )
         for name, left in sorted(lefts.items())
     )
+
+
+def _digest(file: Path) -> bytes:
+    with opened(file) as (stream, _):
+        return hashlib.file_digest(stream, "sha256").digest()
 
 
 def _literal(name: str) -> str:

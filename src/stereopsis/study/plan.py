@@ -116,7 +116,7 @@ class Study:
         """
         try:
             values = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+        except (ValueError, RecursionError) as error:  # ValueError: numbers of thousands of digits, too
             raise ValueError(f"{source} is not TOML: {error}") from None
         known = {field.name for field in dataclasses.fields(cls)}
         for name in values:
@@ -124,7 +124,7 @@ class Study:
                 raise ValueError(f"{source}: unknown setting {name!r}; known are {', '.join(sorted(known))}")
         try:
             return cls(**values)
-        except TypeError as error:
+        except (TypeError, ValueError) as error:
             raise ValueError(f"{source}: {error}") from None
 
 

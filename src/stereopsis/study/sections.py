@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from stereopsis.plot import Series
 from stereopsis.study import ablation, methods, published
-from stereopsis.study.figures import Panel, Series, bars, lines, scatter
+from stereopsis.study.figures import Panel, bars, lines, scatter
 from stereopsis.study.measure import BINS, KEPT, MEASURES, RECOGNISED, STRATA
 from stereopsis.study.methods import WINDOW, Method
 from stereopsis.study.pairs import WEATHER

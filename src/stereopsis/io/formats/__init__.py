@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._files import opened
 from stereopsis.io._errors import StrPath, naming
 from stereopsis.io.formats import jpeg, netpbm, npy, pfm, png, tiff
+from stereopsis.io.formats._limits import MAX_BYTES
+
+BEGINNING = 4096
+"""Of every header, what is looked at lies within so many bytes."""
+
+_ROOM = 2**20
 
 
 class Raster(NamedTuple):
@@ -22,6 +28,12 @@ class Raster(NamedTuple):
 
     pixels: npt.NDArray[Any]
     format: str
+
+
+def _unknown(data: bytes) -> ValueError:
+    if not data:
+        return ValueError("the file is empty")
+    return ValueError(f"not a PNG, JPEG, TIFF, PGM, PPM, PFM or NPY file: it begins with {data[:8]!r}")
 
 
 def identify(data: bytes) -> str | None:
@@ -57,17 +69,15 @@ def decode(data: bytes) -> Raster:
             pixels = pfm.decode(data)
         case "npy":
             pixels = npy.decode(data)
-        case _ if not data:
-            raise ValueError("the file is empty")
         case _:
-            raise ValueError(f"not a PNG, JPEG, TIFF, PGM, PPM, PFM or NPY file: it begins with {data[:8]!r}")
+            raise _unknown(data)
     if pixels.ndim == 3 and pixels.shape[2] == 1:
         pixels = pixels[..., 0]
     return Raster(np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("=")), format)
 
 
 def load(path: StrPath) -> Raster:
-    """Read and decode one pixel file.
+    """Read and decode one pixel file; of one that is no pixel file, or too large for one, only the beginning.
 
     Raises
     ------
@@ -76,6 +86,29 @@ def load(path: StrPath) -> Raster:
     ValueError
         Its content cannot be decoded.
     """
-    data = Path(path).read_bytes()
+    with opened(path) as (file, size):
+        start = file.read(BEGINNING)
+        with naming(path):
+            check_size(start, size)
+        data = start + file.read(max(size - len(start), 0))
     with naming(path):
         return decode(data)
+
+
+def check_size(start: bytes, size: int) -> None:
+    """Refuse what is no pixel file, and one of more bytes than its beginning, up to `BEGINNING`, allows."""
+    match identify(start):
+        case "png":
+            most = png.most_bytes(start)
+        case "netpbm":
+            most = netpbm.most_bytes(start)
+        case "pfm":
+            most = pfm.most_bytes(start)
+        case "npy":
+            most = npy.most_bytes(start)
+        case "jpeg" | "tiff":
+            most = MAX_BYTES
+        case _:
+            raise _unknown(start)
+    if size > most + _ROOM:  # of less, the decoders say more
+        raise ValueError(f"wrong size: the header announces {most} bytes at most, the file holds {size}")

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import prod
 
+MAX_BYTES = 2**33
+"""The largest file that is read: `MAX_PIXELS` of three doubles each, and some room."""
+
 MAX_PIXELS = 2**28
 """The largest image that is read: 16384 by 16384."""
 

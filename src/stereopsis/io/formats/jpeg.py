@@ -38,6 +38,22 @@ def encode(pixels: npt.NDArray[Any]) -> bytes:
     return file.getvalue()
 
 
+def frame(data: bytes) -> tuple[int, int, int]:
+    """Rows, columns and channels of a JPEG stream, which may be one without its tables."""
+    at = 2
+    try:
+        while True:
+            mark, marker = struct.unpack_from(">BB", data, at)
+            if mark == 0xFF and marker in _FRAMES:
+                _, height, width, channels = struct.unpack_from(">BHHB", data, at + 4)
+                return height, width, channels
+            if mark != 0xFF or marker == 0xDA:
+                raise ValueError("damaged: a JPEG without its size")
+            at += 1 if marker == 0xFF else 2 + struct.unpack_from(">H", data, at + 2)[0]
+    except struct.error:
+        raise ValueError("truncated: the JPEG ends before its pixels") from None
+
+
 def _without_metadata(data: bytes) -> tuple[bytes, int]:
     """The stream without comments and metadata, which Pillow would parse and warn about, and its orientation.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,19 @@ def decode(data: bytes) -> npt.NDArray[Any]:
     The sign of the header's scale is the byte order. Its magnitude is not applied: the files of Middlebury
     say 0.003922 there and mean their values as they stand.
     """
+    start, shape, kind = _header(data)
+    check_length(len(data) - start, 4 * prod(shape))
+    return np.frombuffer(data, kind, offset=start).reshape(shape)[::-1]
+
+
+def most_bytes(start: bytes) -> int:
+    """The bytes of a file that begins so."""
+    begin, shape, _ = _header(start)
+    return begin + 4 * prod(shape)
+
+
+def _header(data: bytes) -> tuple[int, tuple[int, ...], str]:
+    """Where the pixels begin, their shape, and their type."""
     header = _HEADER.match(data, 0, 4096)
     if header is None:
         raise ValueError("damaged: the PFM header is not 'Pf or PF, width, height, scale'")
@@ -29,9 +43,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
         )
     shape = (height, width, 3) if header[1] == b"F" else (height, width)
     check_shape(shape, 4)
-    check_length(len(data) - header.end(), 4 * int(np.prod(shape)))
-    stored = np.frombuffer(data, "<f4" if scale < 0 else ">f4", offset=header.end())
-    return stored.reshape(shape)[::-1]
+    return header.end(), shape, "<f4" if scale < 0 else ">f4"
 
 
 def encode(pixels: npt.NDArray[Any]) -> bytes:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis.io.formats._limits import check_length, check_shape
+from stereopsis.io.formats._limits import MAX_BYTES, check_length, check_shape
 from stereopsis.io.formats._orientation import orientation, upright
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -63,6 +63,14 @@ def decode(data: bytes) -> npt.NDArray[Any]:
     if pixels.ndim == 3:
         pixels = pixels[..., 0] if pixels.shape[2] == 2 else pixels[..., :3]
     return upright(pixels, next((orientation(bytes(body)) for kind, body, _ in chunks if kind == b"eXIf"), 1))
+
+
+def most_bytes(start: bytes) -> int:
+    """The most bytes of a file that begins so: its rows as they are, and room for what is not pixels."""
+    if len(start) < 33:
+        raise ValueError("truncated: the PNG ends before its IEND chunk")
+    body = memoryview(start)[16:29]
+    return _header((start[12:16], body, body), MAX_BYTES).length * 5 // 4 + 2**26
 
 
 def encode(pixels: npt.NDArray[Any]) -> bytes:

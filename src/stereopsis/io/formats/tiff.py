@@ -5,31 +5,39 @@ from __future__ import annotations
 import io
 import logging
 from math import prod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis.io.formats import jpeg
 from stereopsis.io.formats._limits import check_length, check_shape
 from stereopsis.io.formats._orientation import TAG, upright
 
+if TYPE_CHECKING:
+    import tifffile
+
 _SILENT = logging.NullHandler()
+
+_JPEG = 7
+# None, CCITT, LZW, JPEG, deflate, PackBits, deflate as it was, LZMA, ZSTD.
+_COMPRESSIONS = {1, 2, 3, 4, 5, _JPEG, 8, 32773, 32946, 34925, 50000}
 
 
 def decode(data: bytes) -> npt.NDArray[Any]:
     """Decode the first page of a TIFF; alpha is dropped, palettes become colour, 1 bit becomes 0 and 255."""
     import tifffile
 
-    # tifffile logs what it meets in a broken file; without a handler Python would print that.
-    logging.getLogger("tifffile").addHandler(_SILENT)
+    silence()
     with tifffile.TiffFile(io.BytesIO(data)) as file:
         page = file.pages.first
-        if not all(isinstance(size, int) for size in page.shape):
-            raise ValueError("damaged: the TIFF's width or height is not a number")
+        if not all(isinstance(size, int) for size in (*page.shape, *page.chunks)):
+            raise ValueError("damaged: a width or height of the TIFF or its parts is not a number")
         if page.axes not in ("YX", "YXS", "SYX") or page.dtype is None:
             raise ValueError(f"a TIFF with axes {page.axes} of {page.dtype}; one plane or three is read")
         shape = page.shape if page.axes != "SYX" else page.shape[1:] + page.shape[:1]
         check_shape(shape, page.dtype.itemsize, len(data))
+        _check_compression(page, data)
         segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
         whole = sum(length > 0 and start + length <= len(data) for start, length in segments)
         if whole < max(prod(page.chunked), len(segments)):
@@ -41,7 +49,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
         pixels = np.asarray(page.asarray(maxworkers=1)).reshape(page.shape)
         if page.axes == "SYX":
             pixels = np.moveaxis(pixels, 0, 2)
-        pixels = _in_plain_colours(
+        pixels = in_plain_colours(
             pixels, getattr(page.photometric, "name", str(page.photometric)), page.colormap
         )
         return upright(pixels, page.tags.valueof(TAG, 1))
@@ -57,9 +65,15 @@ def encode(pixels: npt.NDArray[Any]) -> bytes:
     return file.getvalue()
 
 
-def _in_plain_colours(
+def silence() -> None:
+    """Keep Python from printing what tifffile logs of a broken file, which it does without a handler."""
+    logging.getLogger("tifffile").addHandler(_SILENT)
+
+
+def in_plain_colours(
     pixels: npt.NDArray[Any], photometric: str, colormap: npt.NDArray[Any] | None
 ) -> npt.NDArray[Any]:
+    """Pixels as grey or RGB, whatever the file's colours."""
     if pixels.dtype == bool:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
     match photometric:
@@ -76,3 +90,19 @@ def _in_plain_colours(
             raise ValueError(
                 f"a TIFF in {photometric} colours with shape {pixels.shape}; grey and RGB are read"
             )
+
+
+def _check_compression(page: tifffile.TiffPage, data: bytes) -> None:
+    """Refuse what its decoder would let grow beyond what the header says, and tiles that are too large."""
+    if int(page.compression) not in _COMPRESSIONS:
+        name = getattr(page.compression, "name", page.compression)
+        raise ValueError(f"a TIFF compressed by {name}; deflate, LZW, JPEG, ZSTD and LZMA are read")
+    if page.tiledepth != 1:
+        raise ValueError("a TIFF with tiles of several planes; one plane or three is read")
+    length, width, *samples = page.chunks
+    check_shape((length, width, *samples), np.dtype(page.dtype).itemsize, len(data))
+    if page.compression == _JPEG:
+        for start, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
+            rows, columns, _ = jpeg.frame(data[start : start + stored])
+            if rows > length or columns > width:
+                raise ValueError(f"damaged: a part of the TIFF holds {columns} x {rows} pixels")

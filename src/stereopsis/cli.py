@@ -868,7 +868,7 @@ def _print_result(result: Result) -> None:
     rows = {
         "size": _size(result.disparity),
         "disparities": f"{low}:{high}",
-        "cost": f"{cost['name']}, window {_window(cost['window'])}",
+        "cost": f"{cost['name']}, window {_window(cost['window'])}" if "window" in cost else _text(cost),
         **settings,
         "path": result.path,
         "time": f"{1000 * result.seconds:.1f} ms ({', '.join(stages)})",

@@ -186,7 +186,7 @@ class _Clerk:
     def _start(self) -> subprocess.Popen[bytes]:
         if self._process is not None and self._process.poll() is None:
             return self._process
-        self._held.clear()
+        self._discard()
         places = [path for path in sys.path if path]
         self._process = subprocess.Popen(
             # -P: nothing is imported from where the program happens to be started.
@@ -232,8 +232,11 @@ class _Clerk:
     def kill(self) -> None:
         """End the process now."""
         with self._lock:
-            process, self._process = self._process, None
-            self._held.clear()
+            self._discard()
+
+    def _discard(self) -> None:
+        process, self._process = self._process, None
+        self._held.clear()
         if process is None:
             return
         process.kill()

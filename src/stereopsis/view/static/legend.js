@@ -11,8 +11,11 @@ export function colourBar(table, low, high, unit, label) {
   new Uint32Array(picture.data.buffer).set(table);
   context.putImageData(picture, 0, 0);
   const marks = el("div", { className: "marks", "aria-hidden": "true" });
-  for (const [value, text] of ticks(low, high)) {
-    const mark = el("span", {}, text);
+  const inner = ticks(low, high);
+  const free = (end) => inner.every(([value]) => Math.abs(value - end) > 0.08 * (high - low));
+  const ends = [low, high].filter(free).map((end) => [end, number(end, Number.isInteger(end) ? 0 : 1)]);
+  for (const [value, text] of [...inner, ...ends]) {
+    const mark = el("span", { className: value - low < 0.01 * (high - low) ? "start" : high - value < 0.01 * (high - low) ? "end" : "" }, text);
     mark.style.left = `${(100 * (value - low)) / (high - low)}%`;
     marks.append(mark);
   }

@@ -4,7 +4,7 @@ import "./swipe.js";
 import { getJSON } from "./api.js";
 import { lookup, quantiles, setFlagColours, tableOf } from "./colour.js";
 import { Controls } from "./controls.js";
-import { costCurve } from "./curve.js";
+import { costCurves } from "./curve.js";
 import { $, el, number } from "./dom.js";
 import { downloadLinks, repeats, saveCanvas } from "./downloads.js";
 import { acceptDrops, askForFiles } from "./files.js";
@@ -13,6 +13,7 @@ import { LAYERS, Painter } from "./layers.js";
 import { colourBar, flagLegend } from "./legend.js";
 import { readLink, writeLink } from "./link.js";
 import { scoreTable, stageBars, summary } from "./measures.js";
+import { drawPatches } from "./patches.js";
 import { probe, showReadout } from "./readout.js";
 import { Samples } from "./samples.js";
 import { Session } from "./session.js";
@@ -49,7 +50,7 @@ async function start() {
     map: tables[state.map], mapName: state.map, confidenceMap: tables.cividis, errorMap: diverging, range: state.range ?? state.auto ?? [0, 1], error: state.error,
     none: isDark() ? [58, 62, 70] : [205, 205, 205],
   });
-  const space = new SpaceTab(session, painter, look, { bar: $("space-bar"), box: $("space"), note: $("space-note") }, say);
+  const space = new SpaceTab(session, painter, look, { bar: $("space-bar"), box: $("space"), note: $("space-note"), home: $("home") }, say);
 
   // Settings
 
@@ -192,6 +193,8 @@ async function start() {
   function read() {
     const at = state.hover ?? state.pinned;
     const p = showReadout($("readout"), session, at);
+    $("patches").hidden = !p || !session.canMatch;
+    if (!$("patches").hidden) drawPatches($("patches"), session, p);
     stage.pixel = p && { ...p, range: session.result?.disparities };
     stage.draw();
   }
@@ -206,10 +209,10 @@ async function start() {
       const costs = await session.costs(x, y, asking.signal);
       if (result !== session.result) return;
       const { truth, d } = probe(session, x, y);
-      const drawing = costCurve(costs, truth, [x, y]);
+      const drawings = costCurves(costs, truth, [x, y]);
       const said = [`At ${x}, ${y}: least at ${costs.winner} px`, Number.isFinite(costs.subpixel) ? `refined ${number(costs.subpixel, 2)} px` : null, Number.isNaN(d) ? "not answered" : null, Number.isFinite(truth) ? `truth ${number(truth, 2)} px` : null];
       const key = (name, title) => el("li", {}, el("i", { className: `key ${name}` }), title);
-      $("curve").replaceChildren(...(drawing ? [drawing, el("ul", { className: "flags" }, key("winner", "winner"), ...(costs.fit ? [key("fit", `fit (${costs.fit.kind})`)] : []), ...(Number.isFinite(truth) ? [key("truth", "truth")] : [])), el("p", { className: "hint" }, `${said.filter(Boolean).join(", ")}.`)] : [el("p", { className: "hint" }, "No disparity of the range can be matched at this pixel.")]));
+      $("curve").replaceChildren(...(drawings.length ? [...drawings, el("ul", { className: "flags" }, key("winner", "winner"), ...(costs.fit ? [key("fit", `fit (${costs.fit.kind})`)] : []), ...(Number.isFinite(truth) ? [key("truth", "truth")] : [])), el("p", { className: "hint" }, `${said.filter(Boolean).join(", ")}.`)] : [el("p", { className: "hint" }, "No disparity of the range can be matched at this pixel.")]));
     } catch (error) {
       if (error.name !== "AbortError" && result === session.result) $("curve").replaceChildren(el("p", { className: "hint" }, error.message));
     }

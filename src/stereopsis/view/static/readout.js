@@ -32,12 +32,12 @@ export function showReadout(list, session, at) {
   const stated = session.scene?.calibration.stated;
   const rows = [
     ["x, y", p ? `${p.x}, ${p.y}` : "–", "xy"],
-    [session.scene?.channels > 1 ? "Colour" : "Grey", p ? `${shown(p.grey)}` : "–", "grey"],
-    ["At the match", p ? shown(p.right) : "–", "right"],
     ["Disparity", p ? `${number(p.d, 3)} px` : "–", "d"],
     [stated === false ? "Depth (assumed)" : "Depth", p ? `${number(p.depth, 2)} m` : "–", "depth"],
     ...(session.truth ? [["Truth", p ? `${number(p.truth, 3)} px` : "–", "truth"], ["Error", p ? `${number(p.error, 3)} px` : "–", "error"]] : []),
     ["Confidence", p ? number(p.confidence, 2) : "–", "confidence"],
+    [session.scene?.channels > 1 ? "Colour" : "Grey", p ? shown(p.grey) : "–", "grey"],
+    ["At the match", p ? shown(p.right) : "–", "right"],
     ["Flags", p ? p.flags.join(", ") || "none" : "–", "flags"],
   ];
   list.replaceChildren(...rows.map(([term, text, name]) => {

@@ -7,7 +7,7 @@ import { isDark } from "./theme.js";
 export class SpaceTab {
   #shown = null;
 
-  constructor(session, painter, look, { bar, box, note }, refuse) {
+  constructor(session, painter, look, { bar, box, note, home }, refuse) {
     Object.assign(this, { session, painter, look, box, note, refuse });
     const option = (value, title) => el("option", { value }, title);
     const input = (id, title, range) => {
@@ -22,9 +22,9 @@ export class SpaceTab {
     this.size = input("point-size", "Point size", { min: 0.5, max: 5, step: 0.1, value: 1 });
     this.near = input("near", "From", { min: 0, max: 1, step: 0.005, value: 0 });
     this.far = input("far", "To", { min: 0, max: 1, step: 0.005, value: 1 });
-    const home = el("button", { type: "button", className: "quiet", onclick: () => this.space?.home() }, "Reset view");
     const label = (title, control) => el("label", {}, `${title} `, control);
-    bar.append(label("Show", this.shape), label("Of", this.source), label("Colour", this.tint), label("Move", this.way), this.size.label, this.near.label, this.far.label, home);
+    bar.append(label("Show", this.shape), label("Of", this.source), label("Colour", this.tint), label("Move", this.way), this.size.label, this.near.label, this.far.label);
+    home.addEventListener("click", () => this.space?.home());
     this.shape.addEventListener("change", () => this.space && (this.space.shape = this.shape.value));
     this.way.addEventListener("change", () => this.space && (this.space.flying = this.way.value === "fly"));
     for (const box of [this.tint, this.source]) box.addEventListener("change", () => this.#load());

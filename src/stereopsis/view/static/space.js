@@ -172,7 +172,7 @@ export class Space {
     this.fly = false;
     this.orbit.rotateSpeed = 1;
     this.orbit.enableZoom = true;
-    this.camera.position.set(-0.16 * middle, 0.14 * middle, 0.22 * middle);
+    this.camera.position.set(-0.12 * middle, 0.1 * middle, 0.04 * middle);
     this.orbit.target.set(0, 0, -middle);
     this.orbit.update();
     if (wasFlying) this.flying = true;

@@ -68,10 +68,19 @@ export class Stage {
     this.#drawing = 0;
     if (!this.look) return;
     this.root.style.setProperty("--ratio", String(this.viewport.width / this.viewport.height));
+    this.swipe.classList.toggle("stacked", this.#stacks());
     this.root.classList.toggle("zoomed", this.viewport.zoom > 1);
     this.swipe.setAttribute("first", LAYERS[this.layers[0]].label);
     this.swipe.setAttribute("second", LAYERS[this.layers[1]].label);
     this.#panes.forEach((pane, i) => this.#drawPane(pane, this.layers[i]));
+  }
+
+  /** Whether the two are seen much larger one above the other. */
+  #stacks() {
+    const { width, height } = this.viewport;
+    const [room, tall] = [this.root.clientWidth, 0.8 * innerHeight];
+    const beside = Math.min(room / 2 / width, tall / height);
+    return Math.min(room / width, tall / 2 / height) > 1.25 * beside;
   }
 
   #drawPane(pane, name) {
@@ -118,7 +127,7 @@ export class Stage {
   snapshot() {
     const [a, b] = this.#panes.map((pane) => pane.picture);
     const side = this.mode === "side";
-    const stacked = side && this.#panes[0].offsetTop !== this.#panes[1].offsetTop;
+    const stacked = side && this.swipe.classList.contains("stacked");
     const canvas = el("canvas", { width: side && !stacked ? a.width + b.width : a.width, height: stacked ? a.height + b.height : a.height });
     const context = canvas.getContext("2d");
     if (side) {

@@ -6,7 +6,7 @@ export const LAYERS = {
   left: { label: "Left", has: (s) => s.left },
   right: { label: "Right", has: (s) => s.right },
   disparity: { label: "Disparity", has: (s) => s.disparity },
-  confidence: { label: "Confidence", has: (s) => s.result },
+  confidence: { label: "Confidence", has: (s) => s.result && s.result.arrays?.includes("confidence") !== false },
   flags: { label: "Flags", has: (s) => s.flags },
   truth: { label: "Truth", has: (s) => s.truth },
   error: { label: "Error", has: (s) => s.truth && s.disparity },

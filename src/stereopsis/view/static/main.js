@@ -43,8 +43,9 @@ async function start() {
   const viewport = new Viewport();
   const stage = new Stage($("stage"), $("swipe"), viewport, painter);
   const link = readLink();
+  const { preset: startsFrom, ...startsWith } = info.defaults;
   const state = {
-    tab: "maps", preset: info.defaults.preset, set: {}, map: "viridis", error: 3, range: null, auto: null, sample: null, pinned: null, hover: null,
+    tab: "maps", preset: startsFrom, set: startsWith, map: "viridis", error: 3, range: null, auto: null, sample: null, pinned: null, hover: null,
   };
   const look = () => ({
     map: tables[state.map], mapName: state.map, confidenceMap: tables.cividis, errorMap: diverging, range: state.range ?? state.auto ?? [0, 1], error: state.error,
@@ -54,7 +55,7 @@ async function start() {
 
   // Settings
 
-  const settings = () => ({ preset: state.preset, ...state.set });
+  const settings = () => ({ preset: state.preset ?? null, ...state.set });
   const compute = (since) => session.match(settings(), since);
   const controls = new Controls($("controls"), info, {
     preset(name, since) {
@@ -212,7 +213,7 @@ async function start() {
       const drawings = costCurves(costs, truth, [x, y]);
       const said = [`At ${x}, ${y}: least at ${costs.winner} px`, Number.isFinite(costs.subpixel) ? `refined ${number(costs.subpixel, 2)} px` : null, Number.isNaN(d) ? "not answered" : null, Number.isFinite(truth) ? `truth ${number(truth, 2)} px` : null];
       const key = (name, title) => el("li", {}, el("i", { className: `key ${name}` }), title);
-      $("curve").replaceChildren(...(drawings.length ? [...drawings, el("ul", { className: "flags" }, key("winner", "winner"), ...(costs.fit ? [key("fit", `fit (${costs.fit.kind})`)] : []), ...(Number.isFinite(truth) ? [key("truth", "truth")] : [])), el("p", { className: "hint" }, `${said.filter(Boolean).join(", ")}.`)] : [el("p", { className: "hint" }, "No disparity of the range can be matched at this pixel.")]));
+      $("curve").replaceChildren(...(drawings.length ? [...drawings, el("ul", { className: "flags" }, key("winner", "winner"), ...(costs.fit ? [key("fit", `fit (${costs.fit.kind})`)] : []), ...(Number.isFinite(truth) ? [key("truth", "truth")] : [])), el("p", { className: "hint" }, `${said.filter(Boolean).join(", ")}.${costs.note ? ` ${costs.note}` : ""}`)] : [el("p", { className: "hint" }, "No disparity of the range can be matched at this pixel.")]));
     } catch (error) {
       if (error.name !== "AbortError" && result === session.result) $("curve").replaceChildren(el("p", { className: "hint" }, error.message));
     }
@@ -393,8 +394,7 @@ async function start() {
     }), 250);
   }
   function restore(given) {
-    if (given.preset && info.presets.includes(given.preset)) state.preset = given.preset;
-    state.set = given.set ?? {};
+    if (info.presets.includes(given.preset)) Object.assign(state, { preset: given.preset, set: given.set ?? {} });
     $("reset").disabled = Object.keys(state.set).length === 0;
     if (MAPS.includes(given.map)) state.map = given.map;
     if (given.range && given.range[0] < given.range[1]) state.range = given.range;

@@ -15,10 +15,10 @@ export class Samples {
       shown.dataset.value = value;
       return shown;
     };
-    const rows = samples.map(({ name, has_truth, scores }) => {
+    const rows = samples.map(({ name, has_truth, values }) => {
       const button = el("button", { type: "button", className: "link", onclick: () => open(name) }, name);
       const row = el("tr", { onclick: (event) => event.target === button || open(name) }, el("th", { scope: "row" }, button),
-        ...columns.map((column) => cell(scores?.[column], column)), ...(columns.length ? [] : [el("td", {}, has_truth ? "yes" : "no")]));
+        ...columns.map((column) => cell(values?.[column], column)), ...(columns.length ? [] : [el("td", {}, has_truth ? "yes" : "no")]));
       row.dataset.name = name;
       return row;
     });

@@ -95,16 +95,17 @@ export class Session extends EventTarget {
   async #adopt(result, since, signal) {
     const scene = this.scene;
     const at = `/api/results/${encodeURIComponent(result.result)}`;
-    const eager = this.eager?.() ?? false;
+    const has = (name) => !result.arrays || result.arrays.includes(name);
+    const eager = has("confidence") && (this.eager?.() ?? false);
     const [disparity, flags, confidence] = await Promise.all([
       getArray(`${at}/disparity.bin`, "float32", signal),
-      getArray(`${at}/flags.bin`, "uint8", signal),
+      has("flags") ? getArray(`${at}/flags.bin`, "uint8", signal) : null,
       eager ? getArray(`${at}/confidence.bin`, "float32", signal) : null,
     ]);
     if (scene !== this.scene) return;
     Object.assign(this, { result, disparity, flags, confidence });
     this.#tell("result", since);
-    if (!eager) this.#later(result, at);
+    if (!eager && has("confidence")) this.#later(result, at);
   }
 
   /** What only the read-out needs, once the picture is on the screen and nothing newer is on its way. */
@@ -124,7 +125,7 @@ export class Session extends EventTarget {
 
   /** The confidence, fetched where a view needs it at once. */
   async needConfidence() {
-    if (!this.result || this.confidence) return;
+    if (!this.result || this.confidence || this.result.arrays?.includes("confidence") === false) return;
     const result = this.result;
     try {
       const confidence = await getArray(`/api/results/${encodeURIComponent(result.result)}/confidence.bin`, "float32");

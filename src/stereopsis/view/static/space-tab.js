@@ -19,7 +19,7 @@ export class SpaceTab {
     this.tint = el("select", { id: "tint" }, option("left", "Left image"), option("disparity", "Disparity"), option("error", "Error"));
     this.source = el("select", { id: "source" }, option("disparity", "Result"), option("truth", "Truth"));
     this.way = el("select", { id: "way" }, option("orbit", "Orbit"), option("fly", "Fly"));
-    this.size = input("point-size", "Point size", { min: 0.5, max: 5, step: 0.1, value: 1 });
+    this.size = input("point-size", "Point size", { min: 0.5, max: 5, step: 0.1, value: 1.4 });
     this.near = input("near", "From", { min: 0, max: 1, step: 0.005, value: 0 });
     this.far = input("far", "To", { min: 0, max: 1, step: 0.005, value: 1 });
     const label = (title, control) => el("label", {}, `${title} `, control);

@@ -156,7 +156,7 @@ def visit(browser: Browser) -> Iterator[Callable[..., Page]]:
         page = browser.new_page(viewport={"width": width, "height": height}, **more)
         pages.append(page)
         page.set_default_timeout(PATIENCE)
-        host = address.rstrip("/")
+        host = address.partition("#")[0]
         page.on("console", heard)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on(
@@ -313,7 +313,9 @@ def test_the_swipe_is_dragged_and_moved_by_keys(visit: Callable[..., Page], stre
     width = after.shape[1]
     # Between the old and the new place of the handle the left image has taken the truth's place.
     assert np.any(before[:, int(0.6 * width) : int(0.7 * width)] != after[:, int(0.6 * width) : int(0.7 * width)])
-    assert np.array_equal(before[80:, int(0.1 * width) : int(0.4 * width)], after[80:, int(0.1 * width) : int(0.4 * width)])
+    same = slice(int(0.1 * width), int(0.4 * width))
+    # Where the left image was before it still is; the browser may mix its tiles with another rounding.
+    assert np.abs(before[:, same].astype(int) - after[:, same]).max() <= 2
     page.mouse.move(5, 5)
     handle.focus()
     for key, says in (("ArrowRight", "82"), ("ArrowLeft", "80"), ("Home", "0"), ("End", "100"), ("PageDown", "90")):
@@ -334,7 +336,7 @@ def test_modes_zoom_and_views(visit: Callable[..., Page], pair: Served) -> None:
         page.wait_for_timeout(150)
         pictures[name] = seen(page.locator("#stage"))[:, :200].tobytes()
     assert len(set(pictures.values())) == len(pictures)
-    page.get_by_text("Side by side").click()
+    page.get_by_role("radio", name="Side by side").check()
     boxes = [page.locator(f".pane.{side}").bounding_box() for side in ("first", "second")]
     assert boxes[0] is not None
     assert boxes[1] is not None
@@ -344,7 +346,7 @@ def test_modes_zoom_and_views(visit: Callable[..., Page], pair: Served) -> None:
     expect(page.locator("#zoom")).not_to_have_text("100 %")
     page.get_by_role("button", name="Fit").first.click()
     expect(page.locator("#zoom")).to_have_text("100 %")
-    page.get_by_text("Flicker").click()
+    page.get_by_role("radio", name="Flicker").check()
     expect(page.locator(".pane.second.away")).to_be_attached()
     expect(page.locator(".pane.first.away")).to_be_attached()
 
@@ -364,8 +366,9 @@ def test_the_window_slider_matches_anew(visit: Callable[..., Page], pair: Served
     page.wait_for_timeout(600)  # the second step's result
     scene = pair.scene
     disparities = st.estimate_disparities(scene.left, scene.right)
-    expected = st.match(scene.pair, preset="fast", window=(15, 7), disparities=disparities).disparity
-    for x, y in ((60, 90), (120, 100), (200, 70)):
+    settings = st.Settings.make("fast", window=(15, 7), disparities=disparities)
+    expected = st.match(scene.pair, settings=settings).disparity
+    for x, y in ((60, 90), (140, 100), (200, 70)):
         page.mouse.move(*point(page, x, y, 240, 120))
         assert value(page, "xy") == f"{x}, {y}"
         assert number(page, "d") == pytest.approx(expected[y, x], abs=6e-4, nan_ok=True)
@@ -427,13 +430,13 @@ def test_a_click_draws_the_cost_curve(visit: Callable[..., Page], street: Served
     assert abs(int(found[1]) - result.disparity[250, 300]) <= 0.5 + 1e-3
     assert float(found[2]) == pytest.approx(result.disparity[250, 300], abs=0.02)
     assert float(found[3]) == pytest.approx(street.scene.disparity[250, 300], abs=6e-4)
-    # The epipolar line crosses the right image's half, white on dark, on that pixel's row.
+    # The epipolar line crosses the right image's half on that pixel's row: white dashes on black.
     box = page.locator(".pane.first").bounding_box()
     assert box is not None
     row = round(point(page, 300, 250, 880, 400)[1] - box["y"])
     half = seen(page.locator("#stage"))[row - 2 : row + 3, -200:]
-    assert np.all(half.max(axis=(0, 2)) > 90)
-    assert np.mean(half.max(axis=(0, 2)) == 255) > 0.4
+    assert np.mean(half.min(axis=(0, 2)) < 70) > 0.9
+    assert np.mean(half.max(axis=(0, 2)) > 240) > 0.4
 
 
 def test_points_and_surface_are_drawn(visit: Callable[..., Page], pair: Served) -> None:

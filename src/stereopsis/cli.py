@@ -508,11 +508,12 @@ def _view(
     from stereopsis import view as view_
 
     def ready(address: str) -> None:
+        import threading
         import webbrowser
 
         click.echo(f"stereopsis: the page is at {address}; Ctrl-C ends it", err=True)
-        if browser:
-            webbrowser.open(address)
+        if browser:  # in a thread, as a browser in the terminal would stop the server
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     target = view_.open_target(paths, settings=settings, **files)
     view_.serve(target, host=host, port=port, ready=ready)
@@ -867,7 +868,7 @@ def _print_result(result: Result) -> None:
     rows = {
         "size": _size(result.disparity),
         "disparities": f"{low}:{high}",
-        "cost": f"{cost['name']}, window {_window(cost['window'])}",
+        "cost": f"{cost['name']}, window {_window(cost['window'])}" if "window" in cost else _text(cost),
         **settings,
         "path": result.path,
         "time": f"{1000 * result.seconds:.1f} ms ({', '.join(stages)})",

@@ -110,7 +110,8 @@ class Scene(BaseModel):
     has_truth: bool
     calibration: Calibration
     disparities: tuple[int, int]
-    result: Result | None = None
+    settings: dict[str, Any] | None = Field(description="To match it with at first, where that is its own.")
+    result: Result | None
 
 
 class Curve(BaseModel):

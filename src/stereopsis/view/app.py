@@ -24,7 +24,7 @@ import stereopsis
 from stereopsis.settings import DEFAULT_PRESET, PRESETS
 from stereopsis.types import Flag
 from stereopsis.view import answers, choice
-from stereopsis.view.guard import Guard, TooLargeError
+from stereopsis.view.guard import Guard
 from stereopsis.view.limits import Limits
 from stereopsis.view.pool import BusyError, FailedError, RefusedError, ReplacedError
 from stereopsis.view.session import GoneError, Opened, Session
@@ -39,11 +39,11 @@ TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "applicat
 STATUS: dict[type[Exception], int] = {
     GoneError: 404,
     ReplacedError: 409,
-    TooLargeError: 413,
     RefusedError: 422,
     ValueError: 422,
     TypeError: 422,
     OverflowError: 422,
+    RecursionError: 422,
     FailedError: 500,
     BusyError: 503,
 }
@@ -81,6 +81,7 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        session.prepare()
         try:
             yield
         finally:
@@ -142,7 +143,7 @@ def _add_target(app: FastAPI, session: Session) -> None:
     target, limits = session.target, session.limits
 
     @app.get("/api/info")
-    def info() -> answers.Info:
+    async def info() -> answers.Info:
         """What is looked at, and what can be chosen."""
         return answers.Info(
             version=stereopsis.__version__,
@@ -159,7 +160,7 @@ def _add_target(app: FastAPI, session: Session) -> None:
         )
 
     @app.get("/api/samples")
-    def samples() -> answers.Samples:
+    async def samples() -> answers.Samples:
         """Everything that can be opened, in order."""
         listed = [
             answers.Sample(name=entry.name, has_truth=_has_truth(entry), values=dict(entry.values))
@@ -207,19 +208,19 @@ def _add_scenes(app: FastAPI, session: Session) -> None:
         response_class=Response,
         responses={200: _of("application/octet-stream")},
     )
-    def values(key: Key, side: Literal["left", "right", "truth"]) -> Response:
+    async def values(key: Key, side: Literal["left", "right", "truth"]) -> Response:
         """The values of an image, or the truth: float32, NaN where unknown."""
         array = getattr(session.scene(key).scene, side)
         if array is None:
             raise GoneError(f"this scene has no {side}")
-        return _raw(np.ascontiguousarray(array).tobytes())
+        return _raw(np.ascontiguousarray(array).data.cast("B"))
 
 
 def _of(kind: str) -> dict[str, Any]:
     return {"content": {kind: {"schema": {"type": "string", "format": "binary"}}}}
 
 
-def _raw(data: bytes) -> Response:
+def _raw(data: bytes | memoryview) -> Response:
     return Response(data, media_type="application/octet-stream", headers=FOREVER)
 
 
@@ -275,22 +276,24 @@ async def _described(session: Session, opened: Opened) -> answers.Scene:
             stated=scene.calibration is not None,
         ),
         disparities=scene.disparities,
+        settings=None if opened.settings is None else dict(opened.settings),
         result=None if given is None else answers.Result(**given),
     )
 
 
 def _add_results(app: FastAPI, session: Session) -> None:
     @app.post("/api/match", responses={409: {"model": answers.Problem}})
-    async def match(asked: answers.Match) -> answers.Result:
+    async def match(asked: answers.Match, request: Request) -> answers.Result:
         """Match a scene. A newer request of the same client ends an older one, which answers 409."""
-        return answers.Result(**await session.match(asked.scene, asked.client, asked.settings))
+        found = await session.match(asked.scene, asked.client, asked.settings, request.is_disconnected)
+        return answers.Result(**found)
 
     @app.get(
         "/api/results/{key}/{name}.bin",
         response_class=Response,
         responses={200: _of("application/octet-stream")},
     )
-    def array(key: Key, name: Literal["disparity", "confidence", "error", "flags"]) -> Response:
+    async def array(key: Key, name: Literal["disparity", "confidence", "error", "flags"]) -> Response:
         """A result's array: float32, of flags uint8."""
         found = session.result(key).arrays.get(name)
         if found is None:

@@ -12,8 +12,10 @@ from typing import Any
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+MOST_JSON = 2**20
 HEADERS = {
     "content-security-policy": (
         "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; script-src 'self'; "
@@ -26,10 +28,6 @@ HEADERS = {
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
 }
-
-
-class TooLargeError(Exception):
-    """The body is longer than is taken."""
 
 
 def is_loopback(host: str) -> bool:
@@ -92,7 +90,7 @@ class Guard:
             if not self._knows(headers):
                 await _answer(sealed, 401, "open the address that the program printed: it carries the token")
                 return
-        await self.app(scope, self._bounded(receive), sealed)
+        await self.app(scope, _bounded(receive, self._most(headers)), sealed)
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
         hosts = headers.getlist("host")
@@ -109,8 +107,9 @@ class Guard:
         length = headers.get("content-length", "0")
         if not (length.isascii() and length.isdigit()):
             return 400, "the length of the request is not a number"
-        if int(length[:20]) > self.upload:
-            return 413, f"a request may have up to {self.upload} bytes"
+        most = self._most(headers)
+        if int(length[:20]) > most:
+            return 413, f"a request may have up to {most} bytes"
         return None
 
     def _is_ours(self, host: str) -> bool:
@@ -161,20 +160,25 @@ class Guard:
     def _cookie(self) -> str:
         return f"{self._name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
 
-    def _bounded(self, receive: Receive) -> Receive:
-        """Counts what comes, whatever its header said."""
-        seen = 0
+    def _most(self, headers: Headers) -> int:
+        """Only files may be long: what is not in parts is read into memory at once."""
+        return self.upload if headers.get("content-type", "").startswith("multipart/") else MOST_JSON
 
-        async def counted() -> Message:
-            nonlocal seen
-            message = await receive()
-            if message["type"] == "http.request":
-                seen += len(message.get("body", b""))
-                if seen > self.upload:
-                    raise TooLargeError(f"a request may have up to {self.upload} bytes")
-            return message
 
-        return counted
+def _bounded(receive: Receive, most: int) -> Receive:
+    """Counts what comes, whatever its header said."""
+    seen = 0
+
+    async def counted() -> Message:
+        nonlocal seen
+        message = await receive()
+        if message["type"] == "http.request":
+            seen += len(message.get("body", b""))
+            if seen > most:
+                raise HTTPException(413, f"a request may have up to {most} bytes")
+        return message
+
+    return counted
 
 
 async def _answer(send: Send, status: int, error: str, headers: dict[str, Any] | None = None) -> None:

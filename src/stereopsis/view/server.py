@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import socket
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import uvicorn
 
 from stereopsis.view.app import create_app
 from stereopsis.view.guard import is_loopback
+from stereopsis.view.session import Session
 from stereopsis.view.targets import Target
 
 
@@ -28,21 +30,30 @@ def run(target: Target, host: str, port: int, ready: Callable[[str], object] | N
         timeout_graceful_shutdown=1,
         limit_concurrency=256,
     )
-    server = _Server(config, lambda: ready(_address(host, bound, token)) if ready else None)
+    session: Session = app.state.session
+    address = _address(host, bound, token)
+    server = _Server(config, lambda: ready(address) if ready else None, session.close)
     try:
         with suppress(KeyboardInterrupt):
             server.run(sockets=[listening])
     finally:
-        app.state.session.close()
+        session.close()
         listening.close()
 
 
 class _Server(uvicorn.Server):
-    """Calls back once it listens."""
+    """Calls back once it listens, and before it ends."""
 
-    def __init__(self, config: uvicorn.Config, started: Callable[[], object]) -> None:
+    def __init__(
+        self, config: uvicorn.Config, started: Callable[[], object], ended: Callable[[], object]
+    ) -> None:
         super().__init__(config)
-        self._tell = started
+        self._tell, self._end = started, ended
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End what is computed first, so that who waits for it is answered."""
+        await asyncio.to_thread(self._end)
+        await super().shutdown(sockets)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)

@@ -6,7 +6,8 @@ import asyncio
 import hashlib
 import secrets
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,13 @@ from stereopsis.settings import Settings
 from stereopsis.types import Calibration, Disparities
 from stereopsis.view import choice
 from stereopsis.view.limits import Limits
-from stereopsis.view.pool import Job, Pool, RefusedError
+from stereopsis.view.pool import BusyError, Job, Pool, RefusedError
 from stereopsis.view.sources import Files, Scene, Source, Street
 from stereopsis.view.store import Store
 from stereopsis.view.targets import Entry, Target
 
+PATIENCE = 0.2
+"""Seconds after which a computation asks whether somebody still waits for it."""
 FIELD_OF_VIEW = 0.9
 """Of a camera that nobody calibrated: its focal length, in widths of the image."""
 BASELINE = 0.12
@@ -40,6 +43,8 @@ class Opened:
     files: tuple[str, str]
     first: str = ""
     """What has to be run before `files` are there."""
+    settings: Mapping[str, Any] | None = None
+    """What it is matched with at first, where that is its own."""
     pictures: dict[str, bytes] = field(default_factory=dict)
 
     @property
@@ -53,9 +58,9 @@ class Opened:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """A result that is kept."""
+    """A result that is kept; its scene may be gone before it."""
 
-    opened: Opened
+    scene: str
     used: Settings | None
     answer: dict[str, Any]
     arrays: Mapping[str, bytes]
@@ -82,7 +87,7 @@ class Session:
         self._matchers = Pool(limits.computations, **shared)
         self._readers = Pool(1, **shared)
         self._matching: dict[str, Job] = {}
-        self._opening: dict[str, asyncio.Future[Opened]] = {}
+        self._opening: dict[str, Job] = {}
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def close(self) -> None:
@@ -99,6 +104,13 @@ class Session:
             self._folder = tempfile.TemporaryDirectory(prefix="stereopsis-view-")
         return tempfile.TemporaryDirectory(dir=self._folder.name)
 
+    def prepare(self) -> None:
+        """Start the processes, and open what the page will ask for first."""
+        self._matchers.submit(Job("nothing", ()))
+        if len(self.target.entries) == 1:
+            entry = self.target.entries[0]
+            self._load(self._sample_key(entry), entry)
+
     # Scenes
 
     async def open_sample(self, name: str) -> Opened:
@@ -106,9 +118,11 @@ class Session:
         entry = self._entries.get(name)
         if entry is None:
             raise GoneError(f"there is no sample {name[:80]!r} here")
-        key = self._key("sample", name, *_stamps(entry.source))
-        found = self._scenes.get(key)
-        return found or await self._open(key, entry)
+        key = self._sample_key(entry)
+        return self._scenes.get(key) or await self._open(key, entry)
+
+    def _sample_key(self, entry: Entry) -> str:
+        return self._key("sample", entry.name, *_stamps(entry.source))
 
     async def open_files(self, files: Files, names: Mapping[str, str]) -> Opened:
         """Open files that were sent."""
@@ -118,12 +132,27 @@ class Session:
         return await self._open(self._key("sent", secrets.token_hex(8)), entry, sent)
 
     async def _open(self, key: str, entry: Entry, sent: tuple[str, str] | None = None) -> Opened:
-        job = Job("load", (entry.source, self.limits.pixels), seconds=self.limits.open_seconds)
-        scene: Scene = await _answer(self._readers.submit(job))
+        scene: Scene = await _answer(self._load(key, entry))
+        kept = self._scenes.get(key)  # two may have waited for the same scene
+        if kept is not None:
+            return kept
         files, first = _files(entry.source)
-        opened = Opened(key, entry.name, scene, sent or files, first)
+        opened = Opened(key, entry.name, scene, sent or files, first, entry.settings)
         self._scenes.put(key, opened, scene.bytes)
+        if scene.right is not None:
+            with suppress(BusyError):  # so that the first match need not wait for its images
+                self._matchers.submit(Job("nothing", (), (key, scene)))
         return opened
+
+    def _load(self, key: str, entry: Entry) -> Job:
+        """The job that loads a scene: one, however many ask for it."""
+        job = self._opening.get(key)
+        if job is None:
+            job = Job("load", (entry.source, self.limits.pixels), seconds=self.limits.open_seconds)
+            self._opening[key] = job
+            job.future.add_done_callback(lambda _: self._opening.pop(key, None))
+            self._readers.submit(job)
+        return job
 
     def scene(self, key: str) -> Opened:
         """A scene that is kept; raises `GoneError`."""
@@ -140,12 +169,18 @@ class Session:
         if side not in opened.pictures:
             job = Job("picture", (side,), (key, opened.scene), self.limits.open_seconds)
             opened.pictures[side] = await _answer(self._readers.submit(job))
+            self._scenes.put(key, opened, opened.scene.bytes + sum(map(len, opened.pictures.values())))
         return opened.pictures[side]
 
     # Results
 
-    async def match(self, key: str, client: str, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Match a scene; what the same client asked for before is not computed any further."""
+    async def match(
+        self, key: str, client: str, given: Mapping[str, Any], gone: Callable[[], Awaitable[bool]]
+    ) -> dict[str, Any]:
+        """Match a scene; what the same client asked for before is not computed any further.
+
+        Nor is this, once `gone` says that nobody waits for it any more.
+        """
         opened = self.scene(key)
         if opened.scene.right is None or opened.scene.left is None:
             raise RefusedError("this scene has no right image: there is nothing to match")
@@ -164,7 +199,11 @@ class Session:
         job = Job("matched", (chosen,), (key, opened.scene), self.limits.match_seconds)
         self._matching[client] = job
         try:
-            facts, arrays = await _answer(self._matchers.submit(job))
+            answer = asyncio.wrap_future(self._matchers.submit(job).future)
+            while not (await asyncio.wait({answer}, timeout=PATIENCE))[0]:
+                if await gone():
+                    self._matchers.stop(job, "nobody waits for this any more")
+            facts, arrays = await answer
         finally:
             if not job.future.done():
                 self._matchers.stop(job, "nobody waits for this any more")
@@ -215,7 +254,7 @@ class Session:
             **facts,
         }
         size = sum(map(len, arrays.values()))
-        self._results.put(key, Kept(opened, used, answer, arrays), size)
+        self._results.put(key, Kept(opened.key, used, answer, arrays), size)
         return answer
 
     def result(self, key: str) -> Kept:
@@ -228,13 +267,13 @@ class Session:
     async def curve(self, key: str, x: int, y: int) -> dict[str, Any]:
         """What every candidate costs at a pixel of a result."""
         kept = self.result(key)
-        height, width = kept.opened.scene.shape
+        scene = self.scene(kept.scene).scene
+        height, width = scene.shape
         if not (0 <= x < width and 0 <= y < height):
             raise RefusedError(f"x and y must lie in the image of {width} x {height} pixels, not at {x}, {y}")
         if kept.used is None:
             raise RefusedError("this map was opened, not matched: there are no costs to show")
-        scene = kept.opened.key, kept.opened.scene
-        job = Job("curve", (kept.used, x, y), scene, self.limits.open_seconds)
+        job = Job("curve", (kept.used, x, y), (kept.scene, scene), self.limits.open_seconds)
         told: dict[str, Any] = await _answer(self._readers.submit(job))
         return told
 
@@ -243,9 +282,9 @@ class Session:
         kept = self.result(key)
         if name == "settings.toml":
             return str(kept.answer["toml"]).encode()
-        scene = kept.opened.key, kept.opened.scene
-        arguments = kept.arrays["disparity"], kept.opened.calibration, name
-        job = Job("download", arguments, scene, self.limits.open_seconds)
+        opened = self.scene(kept.scene)
+        arguments = kept.arrays["disparity"], opened.calibration, name
+        job = Job("download", arguments, (opened.key, opened.scene), self.limits.open_seconds)
         data: bytes = await _answer(self._readers.submit(job))
         return data
 
@@ -269,7 +308,7 @@ def _stamps(source: Source) -> list[str]:
 def _files(source: Source) -> tuple[tuple[str, str], str]:
     """What a command calls the images, and what it has to run before they are there."""
     match source:
-        case Street(width, height, seed):
+        case Street(width, height, seed):  # a command renders none but the clear one
             made = f"stereopsis demo -o demo --size {width}x{height} --seed {seed} && "
             return ("demo/left.png", "demo/right.png"), made
         case Files():

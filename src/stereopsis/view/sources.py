@@ -15,11 +15,12 @@ from stereopsis.types import Calibration, Disparities, DisparityMap, Image, Pair
 
 @dataclass(frozen=True)
 class Street:
-    """A rendered street."""
+    """A rendered street; `options` are those of `stereopsis.scenes.street`."""
 
     width: int
     height: int
     seed: int
+    options: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from stereopsis.settings import Settings
 from stereopsis.types import Calibration
 from stereopsis.view import choice
 from stereopsis.view.sources import Files, Source, Street
 
+if TYPE_CHECKING:
+    from stereopsis.datasets import Sample
+
 Kind = Literal["scene", "pair", "map", "dataset", "results"]
 Value = float | str | None
-
-RESULTS = "results.csv"
-MOST_ROWS = 100_000
 
 
 @dataclass(frozen=True)
@@ -33,11 +31,14 @@ class Entry:
         Where it comes from; only the server knows.
     values : mapping of str to float, str or None
         What the target's table says of it.
+    settings : mapping or None
+        What the page matches it with at first, where that is its own.
     """
 
     name: str
     source: Source
     values: Mapping[str, Value] = field(default_factory=dict)
+    settings: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,9 @@ def open_target(
             return Target("scene", "synthetic street", street().entries, settings=chosen)
         case [folder] if folder.is_dir():
             _refuse(truth=truth, left=left, calibration=calibration)
-            return _results(folder) if (folder / RESULTS).is_file() else _dataset(folder)
+            from stereopsis.view import runs
+
+            return runs.read(folder) if runs.is_run(folder) else _dataset(folder)
         case [disparity]:
             source = Files(left=left, truth=truth, calibration=calibration, disparity=disparity)
             return Target("map", disparity.name, (Entry(disparity.stem, source),), settings=chosen)
@@ -133,74 +136,18 @@ def _dataset(folder: Path) -> Target:
     from stereopsis import datasets
 
     found = datasets.open(folder)
-    entries = tuple(
-        Entry(
-            sample.name,
-            Files(
-                left=sample.left_file,
-                right=sample.right_file,
-                truth=sample.truth_file,
-                calibration=sample.calibration_file,
-                read_truth=sample.truth,
-                read_mask=sample.mask,
-                read_calibration=sample.calibration,
-            ),
-        )
-        for sample in found
-    )
+    entries = tuple(Entry(sample.name, files_of(sample)) for sample in found)
     return Target("dataset", f"{found.name}, {folder.name}", entries)
 
 
-def _results(folder: Path) -> Target:
-    """One entry a line of the table whose disparity lies beside it."""
-    columns, rows = _read_table(folder / RESULTS)
-    entries: dict[str, Entry] = {}
-    for row in rows:
-        name = row.get("name") or ""
-        file = _map_of(folder, name)
-        if file is not None and name not in entries:
-            values = {column: _value(row.get(column)) for column in columns if column != "name"}
-            entries[name] = Entry(name, Files(disparity=file), values)
-    if not entries:
-        raise ValueError(f"{folder / RESULTS} names no disparity map that lies in {folder / 'disparity'}")
-    return Target("results", folder.name, tuple(entries.values()), tuple(c for c in columns if c != "name"))
-
-
-def _map_of(folder: Path, name: str) -> Path | None:
-    """The map that belongs to a name of the table: one that lies in the folder itself, links followed."""
-    inside = (folder / "disparity").resolve()
-    for suffix in (".png", ".pfm", ".npy", ".tif"):
-        try:
-            file = (folder / "disparity" / f"{name}{suffix}").resolve()
-            if name and file.is_file() and file.is_relative_to(inside):
-                return file
-        except (OSError, ValueError):  # a name that no file can have
-            return None
-    return None
-
-
-def _read_table(path: Path) -> tuple[tuple[str, ...], list[dict[str, str]]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path} is not a table: it is not text") from None
-    reader = csv.DictReader(io.StringIO(text))
-    columns = tuple(reader.fieldnames or ())
-    if "name" not in columns:
-        raise ValueError(f"{path} is no table of results: it has no column 'name'")
-    rows = []
-    for row in reader:
-        rows.append({key: value for key, value in row.items() if isinstance(value, str)})
-        if len(rows) > MOST_ROWS:
-            raise ValueError(f"{path} has more than {MOST_ROWS} lines")
-    return columns, rows
-
-
-def _value(text: str | None) -> Value:
-    if not text:
-        return None
-    try:
-        number = float(text)
-    except ValueError:
-        return text
-    return number if abs(number) < float("inf") else None
+def files_of(sample: Sample, disparity: Path | None = None) -> Files:
+    """The files of a data set's sample, and the map that was made of it."""
+    return Files(
+        left=sample.left_file,
+        right=sample.right_file,
+        truth=sample.truth_file,
+        disparity=disparity,
+        read_truth=sample.truth,
+        read_mask=sample.mask,
+        read_calibration=sample.calibration,
+    )

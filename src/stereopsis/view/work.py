@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ class Desk:
     def __init__(self) -> None:
         self._scenes: dict[str, Scene] = {}
         self._functions: dict[str, Callable[..., Any]] = {
+            "nothing": lambda *scene: None,
             "load": load,
             "matched": matched,
             "given": given,
@@ -51,13 +53,27 @@ class Desk:
 def load(source: Source, pixels: int) -> Scene:
     """Read or render a scene of at most so many pixels."""
     match source:
-        case Street(width, height, seed):
-            street = scenes.street(width, height, seed)
+        case Street(width, height, seed, options):
+            street = scenes.street(width, height, seed, **dict(options))  # type: ignore[arg-type]
             truth, calibration = street.disparity, street.calibration
             return _scene(street.left, street.right, truth, None, None, calibration)
         case Files():
-            with at_most(pixels):
+            with at_most(pixels), _told(source):
                 return _read(source)
+
+
+@contextmanager
+def _told(files: Files) -> Iterator[None]:
+    """Names files by what they are for: where they lie is nobody's business."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        text = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
+        for part in ("left", "right", "truth", "calibration", "disparity"):
+            path = getattr(files, part)
+            if isinstance(path, Path):
+                text = text.replace(str(path), part)
+        raise ValueError(text) from error
 
 
 def _read(files: Files) -> Scene:

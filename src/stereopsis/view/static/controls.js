@@ -126,7 +126,8 @@ export class Controls {
         parts.replaceChildren();
         const fields = this.info.optimizers.find((one) => one.name === chosen)?.fields ?? {};
         for (const part of Object.keys(PARTS)) {
-          if (!(part in fields)) continue;
+          const used = valueOf(optimize, part);
+          if (!(part in fields) || used === null || used === undefined) continue;
           const [title, range] = PARTS[part];
           const control = Array.isArray(range) ? choiceOf(part, title, range) : sliderOf(part, title, range);
           control.input.addEventListener(control.event, (event) => this.change({ [part]: Number(control.input.value) }, event.timeStamp));

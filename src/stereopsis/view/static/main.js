@@ -193,7 +193,7 @@ async function start() {
 
   function read() {
     const at = state.hover ?? state.pinned;
-    const p = showReadout($("readout"), session, at);
+    const p = showReadout($("readout"), $("assumed"), session, at);
     $("patches").hidden = !p || !session.canMatch;
     if (!$("patches").hidden) drawPatches($("patches"), session, p);
     stage.pixel = p && { ...p, range: session.result?.disparities };
@@ -412,7 +412,7 @@ async function start() {
     if (given.tab) tab(given.tab);
   }
   addEventListener("hashchange", () => follow(readLink()));
-  showReadout($("readout"), session, null);
+  showReadout($("readout"), $("assumed"), session, null);
   await follow(link);
   if (!link.tab && many && ["results"].includes(info.kind)) tab("samples");
   document.documentElement.dataset.ready = "yes";

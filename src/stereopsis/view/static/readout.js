@@ -26,18 +26,18 @@ function values(array, i, channels) {
 
 const shown = (list) => (list ? list.map((v) => (Number.isInteger(v) ? v : v.toPrecision(4))).join(" ") : "–");
 
-/** Write a pixel's numbers into a list; null: dashes. */
-export function showReadout(list, session, at) {
+/** Write a pixel's numbers into a list, and what they assume into a note; null: dashes. */
+export function showReadout(list, note, session, at) {
   const p = at && session.scene ? probe(session, ...at) : null;
   const stated = session.scene?.calibration.stated;
   const rows = [
     ["x, y", p ? `${p.x}, ${p.y}` : "–", "xy"],
     ["Disparity", p ? `${number(p.d, 3)} px` : "–", "d"],
-    [stated === false ? "Depth (assumed)" : "Depth", p ? `${number(p.depth, 2)} m` : "–", "depth"],
+    ["Depth", p ? `${number(p.depth, 2)} m${stated ? "" : " *"}` : "–", "depth"],
     ...(session.truth ? [["Truth", p ? `${number(p.truth, 3)} px` : "–", "truth"], ["Error", p ? `${number(p.error, 3)} px` : "–", "error"]] : []),
     ["Confidence", p ? number(p.confidence, 2) : "–", "confidence"],
     [session.scene?.channels > 1 ? "Colour" : "Grey", p ? shown(p.grey) : "–", "grey"],
-    ["At the match", p ? shown(p.right) : "–", "right"],
+    ["Its match", p ? shown(p.right) : "–", "right"],
     ["Flags", p ? p.flags.join(", ") || "none" : "–", "flags"],
   ];
   list.replaceChildren(...rows.map(([term, text, name]) => {
@@ -45,5 +45,7 @@ export function showReadout(list, session, at) {
     value.dataset.name = name;
     return el("div", {}, el("dt", {}, term), value);
   }));
+  note.hidden = stated !== false;
+  note.textContent = stated === false ? `* No calibration was given: a focal length of ${number(session.scene.calibration.focal_length, 0)} px and a baseline of ${number(session.scene.calibration.baseline, 2)} m are assumed.` : "";
   return p;
 }

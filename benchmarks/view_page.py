@@ -2,9 +2,9 @@
 
     python benchmarks/view_page.py [--steps 20] [--points 1000000]
 
-In Chromium without a graphics card: pictures are drawn by the processor, WebGL by SwiftShader. The time of a step
-is counted by the page itself, from the event of the key that moves the slider to the frame after the new map was
-drawn.
+In Chromium without a graphics card: pictures are drawn by the processor, WebGL by SwiftShader. The time of
+a step is counted by the page itself, from the event of the key that moves the slider to the frame after the
+new map was drawn.
 """
 
 from __future__ import annotations

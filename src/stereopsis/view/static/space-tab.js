@@ -19,7 +19,7 @@ export class SpaceTab {
     this.tint = el("select", { id: "tint" }, option("left", "Left image"), option("disparity", "Disparity"), option("error", "Error"));
     this.source = el("select", { id: "source" }, option("disparity", "Result"), option("truth", "Truth"));
     this.way = el("select", { id: "way" }, option("orbit", "Orbit"), option("fly", "Fly"));
-    this.size = input("point-size", "Point size", { min: 0.5, max: 5, step: 0.1, value: 1.4 });
+    this.size = input("point-size", "Point size", { min: 0.5, max: 6, step: 0.1, value: 2 });
     this.near = input("near", "From", { min: 0, max: 1, step: 0.005, value: 0 });
     this.far = input("far", "To", { min: 0, max: 1, step: 0.005, value: 1 });
     const label = (title, control) => el("label", {}, `${title} `, control);
@@ -105,6 +105,8 @@ export class SpaceTab {
     const metres = (part) => depths.least * (Math.max(depths.most, depths.least * 1.01) / depths.least) ** part;
     const ends = [this.near, this.far].map(({ slider }) => Number(slider.value));
     [this.near, this.far].forEach(({ shown }, i) => (shown.textContent = `${number(metres(ends[i]), metres(ends[i]) < 10 ? 1 : 0)} m`));
+    if (ends[0] === 0) this.near.shown.textContent = "nearest";
+    if (ends[1] === 1) this.far.shown.textContent = "farthest";
     this.space.clip(ends[0] === 0 ? 0 : metres(ends[0]), ends[1] === 1 ? 1e9 : metres(ends[1]));
   }
 }

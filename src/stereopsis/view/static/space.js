@@ -291,5 +291,5 @@ function depthsOf(places, count) {
   for (let i = 0; i < count; i += step) some.push(-places[3 * i + 2]);
   some.sort((a, b) => a - b);
   const at = (part) => some[Math.floor(part * (some.length - 1))] ?? 1;
-  return { least: at(0), middle: at(0.5), far: at(0.95), most: at(1) };
+  return { least: at(0), middle: at(0.5), far: at(0.95), most: at(0.998) };
 }

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
+
+Range = Annotated[list[int], Field(min_length=2, max_length=2, description="The end is excluded.")]
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 class Problem(BaseModel):
@@ -95,7 +98,7 @@ class Result(BaseModel):
     stages: dict[str, float]
     path: str
     scores: dict[str, Any] | None
-    disparities: tuple[int, int]
+    disparities: Range
     density: float
     settings: dict[str, Any]
     arrays: list[str] = Field(description="Which of disparity, confidence, flags and error there are.")
@@ -118,7 +121,7 @@ class Scene(BaseModel):
     has_right: bool
     has_truth: bool
     calibration: Calibration
-    disparities: tuple[int, int]
+    disparities: Range
     settings: dict[str, Any] | None = Field(description="To match it with at first, where that is its own.")
     result: Result | None
 
@@ -138,7 +141,7 @@ class Fit(BaseModel):
     """The curve through the winner's cost and its neighbours': points of disparity and cost."""
 
     kind: str
-    points: list[tuple[float, float]]
+    points: list[Point]
 
 
 class Open(BaseModel):

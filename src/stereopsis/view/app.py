@@ -283,7 +283,7 @@ async def _described(session: Session, opened: Opened) -> answers.Scene:
             cy=camera.cy,
             stated=scene.calibration is not None,
         ),
-        disparities=scene.disparities,
+        disparities=list(scene.disparities),
         settings=None if opened.settings is None else dict(opened.settings),
         result=None if given is None else answers.Result(**given),
     )

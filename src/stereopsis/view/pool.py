@@ -117,10 +117,13 @@ class Pool:
             if self._closed:
                 return
             self._closed = True
+        ending = "the server is ending"
         with suppress(queue.Empty):
             while (job := self._jobs.get_nowait()) is not None:
-                self.stop(job, "the server is ending")
+                self.stop(job, ending)
         for clerk in self._clerks:
+            if clerk.job is not None:
+                self.stop(clerk.job, ending)
             self._jobs.put(None)
             clerk.kill()
         for clerk in self._clerks:
@@ -134,7 +137,7 @@ class _Clerk:
         self._pool, self._memory, self._most = pool, memory, held
         self._lock = threading.Lock()  # of what follows, and of the process's input
         self._process: subprocess.Popen[bytes] | None = None
-        self._job: Job | None = None
+        self.job: Job | None = None
         self._number = 0
         self._held: collections.OrderedDict[str, int] = collections.OrderedDict()
         self.thread = threading.Thread(target=self._run, daemon=True)
@@ -153,7 +156,7 @@ class _Clerk:
             watch.start()
         try:
             with self._lock:
-                self._job = job
+                self.job = job
                 self._number += 1
                 process = self._start()
                 send(
@@ -171,7 +174,7 @@ class _Clerk:
             if watch:
                 watch.cancel()
             with self._lock:
-                self._job = None
+                self.job = None
         with suppress(InvalidStateError):
             match how:
                 case "done":
@@ -186,7 +189,7 @@ class _Clerk:
     def _start(self) -> subprocess.Popen[bytes]:
         if self._process is not None and self._process.poll() is None:
             return self._process
-        self._held.clear()
+        self._discard()
         places = [path for path in sys.path if path]
         self._process = subprocess.Popen(
             # -P: nothing is imported from where the program happens to be started.
@@ -214,7 +217,7 @@ class _Clerk:
     def stop(self, job: Job) -> None:
         """End a job if this one does it: kindly at first."""
         with self._lock:
-            if self._job is not job or self._process is None:
+            if self.job is not job or self._process is None:
                 return
             process, number = self._process, self._number
             with suppress(OSError):
@@ -225,15 +228,18 @@ class _Clerk:
 
     def _kill_if(self, process: subprocess.Popen[bytes], number: int) -> None:
         with self._lock:
-            if self._job is None or self._number != number:
+            if self.job is None or self._number != number:
                 return
         process.kill()
 
     def kill(self) -> None:
         """End the process now."""
         with self._lock:
-            process, self._process = self._process, None
-            self._held.clear()
+            self._discard()
+
+    def _discard(self) -> None:
+        process, self._process = self._process, None
+        self._held.clear()
         if process is None:
             return
         process.kill()

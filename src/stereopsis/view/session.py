@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from stereopsis.settings import Settings
 from stereopsis.types import Calibration, Disparities
@@ -239,13 +239,13 @@ class Session:
     ) -> dict[str, Any]:
         used: Settings | None = facts.pop("used")
         height, width = opened.scene.shape
-        ranges = opened.scene.disparities if used is None else used.disparities
+        ranges = opened.scene.disparities if used is None else cast(Disparities, used.disparities)
         answer = {
             "result": key,
             "scene": opened.key,
             "width": width,
             "height": height,
-            "disparities": ranges,
+            "disparities": list(ranges),
             "settings": {} if used is None else used.to_dict(),
             "arrays": list(arrays),
             "command": "" if asked is None else opened.first + choice.command(asked, *opened.files),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import tomllib
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import stereopsis as st
+from stereopsis.colormaps import FLAG_COLOURS, VIRIDIS
 from stereopsis.view import Target, street
 from stereopsis.view.limits import Limits
 from stereopsis.view.sources import Street
@@ -50,8 +52,13 @@ def test_what_is_looked_at_and_what_can_be_chosen(server: Server) -> None:
     assert info["presets"] == list(st.PRESETS)
     assert info["defaults"] == {"preset": "fast"}
     assert {flag["name"]: flag["bit"] for flag in info["flags"]} == {
-        str(flag.name).lower(): int(flag) for flag in st.Flag
+        str(flag.name).lower().replace("_", " "): int(flag) for flag in st.Flag
     }
+    assert [tuple(flag["colour"]) for flag in info["flags"]] == [FLAG_COLOURS[flag] for flag in st.Flag]
+    assert base64.b64decode(info["colormaps"]["viridis"]) == VIRIDIS.tobytes()
+    solvers = {solver["name"]: solver["fields"] for solver in info["optimizers"]}
+    assert solvers["sgm"]["optimize_paths"] == st.SGM().paths
+    assert solvers["icm"]["smoothness_weight"] == st.ICM().smoothness.weight
     costs = {cost["name"]: cost["fields"] for cost in info["costs"]}
     assert costs["zncc"] == {"window": [21, 21]}
     assert costs["census"]["window"] == [9, 7]

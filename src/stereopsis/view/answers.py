@@ -23,11 +23,19 @@ class Cost(BaseModel):
     fields: dict[str, Any]
 
 
+class Solver(BaseModel):
+    """An optimizer with the settings that it has, and their defaults."""
+
+    name: str
+    fields: dict[str, Any]
+
+
 class FlagBit(BaseModel):
-    """A bit of the flag map."""
+    """A bit of the flag map, and the red, green and blue that stand for it."""
 
     bit: int
     name: str
+    colour: tuple[int, int, int]
 
 
 class Limits(BaseModel):
@@ -46,7 +54,8 @@ class Info(BaseModel):
     kind: Literal["scene", "pair", "map", "dataset", "results"]
     presets: list[str]
     costs: list[Cost]
-    colormaps: list[str]
+    optimizers: list[Solver]
+    colormaps: dict[str, str] = Field(description="256 times red, green and blue in base 64.")
     flags: list[FlagBit]
     limits: Limits
     defaults: dict[str, Any]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mimetypes
 import re
+from base64 import b64encode
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib import resources
@@ -21,6 +22,7 @@ from starlette.exceptions import HTTPException
 from starlette.formparsers import MultiPartException
 
 import stereopsis
+from stereopsis.colormaps import CIVIDIS, DIVERGING, FLAG_COLOURS, VIRIDIS
 from stereopsis.settings import DEFAULT_PRESET, PRESETS
 from stereopsis.types import Flag
 from stereopsis.view import answers, choice
@@ -31,7 +33,7 @@ from stereopsis.view.session import GoneError, Opened, Session
 from stereopsis.view.sources import Files, Street
 from stereopsis.view.targets import Entry, Target
 
-COLORMAPS = ["viridis", "cividis", "grey"]
+COLORMAPS = {"viridis": VIRIDIS, "cividis": CIVIDIS, "diverging": DIVERGING}
 FOREVER = {"cache-control": "private, max-age=31536000, immutable"}
 PARTS = ("left", "right", "truth", "calibration", "disparity")
 TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm"}
@@ -151,8 +153,9 @@ def _add_target(app: FastAPI, session: Session) -> None:
             kind=target.kind,
             presets=list(PRESETS),
             costs=[answers.Cost(**cost) for cost in choice.defaults()],
-            colormaps=COLORMAPS,
-            flags=[answers.FlagBit(bit=int(flag), name=str(flag.name).lower()) for flag in Flag],
+            optimizers=[answers.Solver(**solver) for solver in choice.solvers()],
+            colormaps={name: b64encode(table.tobytes()).decode() for name, table in COLORMAPS.items()},
+            flags=[_flag(flag) for flag in Flag],
             limits=answers.Limits(
                 upload_bytes=limits.upload_bytes, pixels=limits.pixels, disparities=limits.disparities
             ),
@@ -167,6 +170,11 @@ def _add_target(app: FastAPI, session: Session) -> None:
             for entry in target.entries
         ]
         return answers.Samples(samples=listed, columns=list(target.columns))
+
+
+def _flag(flag: Flag) -> answers.FlagBit:
+    name = str(flag.name).lower().replace("_", " ")
+    return answers.FlagBit(bit=int(flag), name=name, colour=FLAG_COLOURS[flag])
 
 
 def _has_truth(entry: Entry) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from stereopsis import settings
 from stereopsis.pixelwise import PIXEL_COSTS, Census, Combined, Gradient, Pixelwise
-from stereopsis.settings import COSTS, DEFAULT_PRESET, OPTIMIZER_PARTS, Settings
+from stereopsis.settings import COSTS, DEFAULT_PRESET, OPTIMIZER_PARTS, OPTIMIZERS, Settings
 
 SERVERS = ("threads", "keep")
 """What the page does not set."""
@@ -170,3 +170,12 @@ def defaults() -> list[dict[str, Any]]:
     plain: list[Any] = [mixed if kind is Combined else cast(Any, kind)() for kind in kinds.values()]
     fields = [dict(Settings(cost=cost).to_dict()["cost"]) for cost in plain]
     return [{"name": of.pop("name"), "fields": of} for of in fields]
+
+
+def solvers() -> list[dict[str, Any]]:
+    """Every optimizer with the settings that it has, and their defaults."""
+    flat = {part: name for name, part in OPTIMIZER_PARTS.items()}
+    made = [dict(Settings(optimize=kind()).to_dict()["optimize"]) for kind in OPTIMIZERS.values()]
+    return [
+        {"name": of.pop("name"), "fields": {flat[part]: value for part, value in of.items()}} for of in made
+    ]

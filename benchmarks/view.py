@@ -42,7 +42,8 @@ class Tally:
         times = sorted(1000 * second for second in self.seconds)
         most = times[min(len(times) - 1, int(0.95 * len(times)))]
         median = statistics.median(times)
-        return f"{answered}; median {median:.0f} ms, 95 % {most:.0f} ms, worst {times[-1]:.0f} ms"
+        told = {"least": times[0], "median": median, "95 %": most, "worst": times[-1]}
+        return f"{answered}; {', '.join(f'{name} {value:.0f}' for name, value in told.items())} ms"
 
 
 async def step(
@@ -132,7 +133,8 @@ def main() -> int:
         assert started.stderr is not None
         address = re.search(r"http://\S+/", started.stderr.readline())
         assert address is not None
-        print(f"{os.cpu_count()} cores, Python {sys.version.split()[0]}")
+        others = f", load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+        print(f"{os.cpu_count()} cores{others}, Python {sys.version.split()[0]}")
         process = psutil.Process(started.pid)
         good = asyncio.run(load(address[0], process, options.moves, options.clients, options.rounds))
     finally:

@@ -186,6 +186,25 @@ def test_files_that_are_sent_are_opened(
     assert "stereopsis match left.png right.png" in found["command"]
 
 
+def test_a_calibration_that_is_sent_is_the_scenes(
+    server: Server, tmp_path: Path, scene: st.scenes.Scene
+) -> None:
+    st.io.write_calibration(tmp_path / "calib.txt", scene.calibration)
+    files = _sent(
+        left=_bytes("a.png", scene.left, tmp_path),
+        right=_bytes("b.png", scene.right, tmp_path),
+        calibration=(tmp_path / "calib.txt").read_bytes(),
+    )
+    camera = server.good(server.post("/api/open", files=files))["calibration"]
+    assert camera["stated"] is True
+    assert camera["baseline"] == pytest.approx(scene.calibration.baseline)
+    files["left"] = ("left.png", _bytes("c.png", scene.left[:-1], tmp_path))
+    files["right"] = ("right.png", _bytes("d.png", scene.right[:-1], tmp_path))
+    assert "one size" in problem(server.post("/api/open", files=files), 422)
+    files["calibration"] = ("calib.txt", b"f = 3")
+    assert problem(server.post("/api/open", files=files), 422).startswith("calibration: ")
+
+
 def test_a_map_that_is_sent_is_a_result(server: Server, tmp_path: Path, scene: st.scenes.Scene) -> None:
     files = _sent(
         left=_bytes("a.png", scene.left, tmp_path),

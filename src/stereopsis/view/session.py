@@ -301,8 +301,15 @@ def _stamps(source: Source) -> list[str]:
     if isinstance(source, Street):
         return []
     files = (source.left, source.right, source.truth, source.disparity)
-    stats = [path.stat() for path in files if path is not None]
-    return [f"{stat.st_mtime_ns} {stat.st_size}" for stat in stats]
+    return [_stamp(path) for path in files if path is not None]
+
+
+def _stamp(path: Path) -> str:
+    try:
+        stat = path.stat()
+    except OSError:  # who reads it will say so
+        return "missing"
+    return f"{stat.st_mtime_ns} {stat.st_size}"
 
 
 def _files(source: Source) -> tuple[tuple[str, str], str]:

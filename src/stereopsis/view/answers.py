@@ -35,7 +35,7 @@ class FlagBit(BaseModel):
 
     bit: int
     name: str
-    colour: tuple[int, int, int]
+    colour: Annotated[list[int], Field(min_length=3, max_length=3)]
 
 
 class Limits(BaseModel):

@@ -7,7 +7,7 @@ import re
 from base64 import b64encode
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib import resources
+from importlib import metadata, resources
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
@@ -21,7 +21,6 @@ from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.formparsers import MultiPartException
 
-import stereopsis
 from stereopsis.colormaps import CIVIDIS, DIVERGING, FLAG_COLOURS, VIRIDIS
 from stereopsis.settings import DEFAULT_PRESET, PRESETS
 from stereopsis.types import Flag
@@ -91,7 +90,7 @@ def create_app(
 
     app = FastAPI(
         title="stereopsis view",
-        version=stereopsis.__version__,
+        version=_version(),
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
@@ -148,7 +147,7 @@ def _add_target(app: FastAPI, session: Session) -> None:
     async def info() -> answers.Info:
         """What is looked at, and what can be chosen."""
         return answers.Info(
-            version=stereopsis.__version__,
+            version=_version(),
             title=target.title,
             kind=target.kind,
             presets=list(PRESETS),
@@ -172,9 +171,16 @@ def _add_target(app: FastAPI, session: Session) -> None:
         return answers.Samples(samples=listed, columns=list(target.columns))
 
 
+def _version() -> str:
+    try:
+        return metadata.version("stereopsis")
+    except metadata.PackageNotFoundError:  # run from where it lies, without having been installed
+        return "unknown"
+
+
 def _flag(flag: Flag) -> answers.FlagBit:
     name = str(flag.name).lower().replace("_", " ")
-    return answers.FlagBit(bit=int(flag), name=name, colour=FLAG_COLOURS[flag])
+    return answers.FlagBit(bit=int(flag), name=name, colour=list(FLAG_COLOURS[flag]))
 
 
 def _has_truth(entry: Entry) -> bool:

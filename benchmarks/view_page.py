@@ -50,7 +50,8 @@ FRAMES = """async ([points, shape]) => {
   space.shape = shape;
   space.home();
   space.measure(2);
-  return [space.measure(12), space.count, space.renderer.getContext().getParameter(37446) ?? ""];
+  const all = space.measure(12);
+  return [all, space.count, ...await space.measureMoving(8)];
 }"""
 
 
@@ -73,8 +74,11 @@ def main() -> None:
             f"{min(times):.0f} to {max(times):.0f}, {len(times)} steps"
         )
         for shape in ("points", "surface"):
-            frames, count = rate(browser, address, given.points, shape)
-            print(f"{shape}, {count} points, 1280 x 720: {frames:.1f} frames a second")
+            frames, count, moving, part = rate(browser, address, given.points, shape)
+            print(
+                f"{shape}, {count} points, 1280 x 720: {frames:.1f} frames a second; "
+                f"while it is turned {moving:.0f}, with {part:.0%} of the points"
+            )
         browser.close()
 
 
@@ -108,12 +112,12 @@ def latencies(browser: Browser, address: str, steps: int) -> list[float]:
     return times
 
 
-def rate(browser: Browser, address: str, points: int, shape: str) -> tuple[float, int]:
-    """Frames a second, each one waited for, and how many points there are."""
+def rate(browser: Browser, address: str, points: int, shape: str) -> tuple[float, int, float, float]:
+    """Frames a second, each waited for, and their points; the same while it is turned, and their part."""
     page = opened(browser, address)
-    frames, count, _ = page.evaluate(FRAMES, [points, shape])
+    frames, count, moving, part = page.evaluate(FRAMES, [points, shape])
     page.close()
-    return frames, count
+    return frames, count, moving, part
 
 
 def opened(browser: Browser, address: str) -> Page:

@@ -13,6 +13,7 @@ export class Controls {
     Object.assign(this, { form, info, change });
     form.addEventListener("submit", (event) => event.preventDefault());
     const presets = select("preset", info.presets.map((name) => [name, name]));
+    presets.append(el("option", { value: "", disabled: true, hidden: true }, "none"));
     presets.addEventListener("change", (event) => preset(presets.value, event.timeStamp));
     this.presets = presets;
     form.append(labelled("Preset", presets));
@@ -26,7 +27,7 @@ export class Controls {
   /** Show what a result was made with. */
   show(settings, preset) {
     this.used = settings;
-    if (preset) this.presets.value = preset;
+    this.presets.value = preset ?? "";
     for (const part of this.#parts.values()) part(settings);
   }
 
@@ -183,8 +184,19 @@ export class Controls {
 }
 
 function valueOf(optimize, part) {
-  const own = part.replace(/^optimize_/, "").replace(/^smoothness_/, "");
+  const own = part === "smoothness" ? "norm" : part.replace(/^(optimize|smoothness)_/, "");
   return optimize?.[own];
+}
+
+/** Settings of the server as the page's own: an optimizer's parts stand for themselves, so that each can be changed. */
+export function flattened({ preset = null, ...set }, info) {
+  const { optimize } = set;
+  if (optimize?.name) {
+    const fields = info.optimizers.find((one) => one.name === optimize.name)?.fields ?? {};
+    const parts = Object.keys(fields).map((part) => [part, valueOf(optimize, part)]).filter(([, value]) => value !== undefined);
+    Object.assign(set, { optimize: optimize.name }, Object.fromEntries(parts));
+  }
+  return { preset, set };
 }
 
 function select(name, options) {

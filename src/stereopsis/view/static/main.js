@@ -3,7 +3,7 @@
 import "./swipe.js";
 import { getJSON } from "./api.js";
 import { lookup, quantiles, setFlagColours, tableOf } from "./colour.js";
-import { Controls } from "./controls.js";
+import { Controls, flattened } from "./controls.js";
 import { costCurves } from "./curve.js";
 import { $, el, number } from "./dom.js";
 import { downloadLinks, repeats, saveCanvas } from "./downloads.js";
@@ -43,9 +43,8 @@ async function start() {
   const viewport = new Viewport();
   const stage = new Stage($("stage"), $("swipe"), viewport, painter);
   const link = readLink();
-  const { preset: startsFrom, ...startsWith } = info.defaults;
   const state = {
-    tab: "maps", preset: startsFrom, set: startsWith, map: "viridis", error: 3, range: null, auto: null, sample: null, pinned: null, hover: null,
+    tab: "maps", ...flattened(info.defaults, info), linked: false, map: "viridis", error: 3, range: null, auto: null, sample: null, pinned: null, hover: null,
   };
   const look = () => ({
     map: tables[state.map], mapName: state.map, confidenceMap: tables.cividis, errorMap: diverging, range: state.range ?? state.auto ?? [0, 1], error: state.error,
@@ -254,6 +253,9 @@ async function start() {
 
   session.addEventListener("scene", () => {
     const { scene } = session;
+    if (scene.settings && !state.linked) Object.assign(state, flattened(scene.settings, info));
+    state.linked = false;
+    $("reset").disabled = Object.keys(state.set).length === 0;
     document.title = `${scene.name} – stereopsis`;
     $("scene").replaceChildren(el("strong", {}, scene.name), el("span", {}, ` ${scene.width} × ${scene.height}${scene.bits ? `, ${scene.bits} bit` : ""}`));
     viewport.resize(scene.width, scene.height);
@@ -405,6 +407,7 @@ async function start() {
   }
   async function follow(given) {
     restore(given);
+    state.linked = info.presets.includes(given.preset);
     const wanted = samples.names.includes(given.sample) ? given.sample : samples.names[0];
     if (wanted !== undefined) await open(wanted);
     else $("scene").textContent = "Drop a left and a right image here";

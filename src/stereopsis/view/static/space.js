@@ -7,6 +7,14 @@ import {
 /** Pictures of more pixels than this are thinned out. */
 const MOST_POINTS = 4e6;
 
+/** While the view moves, a frame should take so many milliseconds; else only a part of the points is drawn. */
+const FLUENT = 45;
+const LEAST_PART = 1 / 16;
+const REST = 250;
+
+/** Every so many-th pixel of both directions comes first, then those between: any first part is spread evenly. */
+const PHASES = [[0, 0], [2, 2], [2, 0], [0, 2], [1, 1], [3, 3], [3, 1], [1, 3], [1, 0], [3, 2], [3, 0], [1, 2], [0, 1], [2, 3], [2, 1], [0, 3]];
+
 const VERTEX = `
 attribute vec3 tint;
 uniform float size, scale;
@@ -32,6 +40,11 @@ export class Space {
   #frame = 0;
   #held = new Set();
   #last = 0;
+  #part = 1;
+  #drawn = 0;
+  #pace = FLUENT;
+  #fence = null;
+  #resting = 0;
 
   /** Raises an error where the browser offers no WebGL. */
   constructor(box) {
@@ -46,7 +59,7 @@ export class Space {
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(50, 1, 0.01, 1e5);
     this.orbit = new OrbitControls(this.camera, canvas);
-    this.orbit.addEventListener("change", () => this.draw());
+    this.orbit.addEventListener("change", () => this.#drawMoving());
     this.uniforms = { size: { value: 1 }, scale: { value: 1 }, near: { value: 0 }, far: { value: 1e5 } };
     this.material = new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: this.uniforms, side: DoubleSide });
     this.points = new Points(new BufferGeometry(), this.material);
@@ -70,16 +83,22 @@ export class Space {
     const places = new Float32Array(columns * rows * 3);
     const colours = new Uint8Array(columns * rows * 3);
     let count = 0;
-    for (let v = 0, cell = 0; v < height; v += step) {
-      for (let u = 0; u < width; u += step, cell++) {
-        const i = v * width + u;
-        const z = (focal * baseline) / (disparity[i] + doffs);
-        if (!(z > 0 && z < 1e5)) continue;
-        places[3 * count] = ((u - cx) * z) / focal;
-        places[3 * count + 1] = (-(v - cy) * z) / focal;
-        places[3 * count + 2] = -z;
-        colours.set(tints.subarray(3 * i, 3 * i + 3), 3 * count);
-        numbers[cell] = count++;
+    for (const [across, down] of PHASES) {
+      for (let row = down; row < rows; row += 4) {
+        for (let column = across; column < columns; column += 4) {
+          const [u, v] = [column * step, row * step];
+          const i = v * width + u;
+          const z = (focal * baseline) / (disparity[i] + doffs);
+          if (!(z > 0 && z < 1e5)) continue;
+          const at = 3 * count;
+          places[at] = ((u - cx) * z) / focal;
+          places[at + 1] = (-(v - cy) * z) / focal;
+          places[at + 2] = -z;
+          colours[at] = tints[3 * i];
+          colours[at + 1] = tints[3 * i + 1];
+          colours[at + 2] = tints[3 * i + 2];
+          numbers[row * columns + column] = count++;
+        }
       }
     }
     const geometry = this.#geometry(places.subarray(0, 3 * count), colours.subarray(0, 3 * count));
@@ -188,6 +207,53 @@ export class Space {
     this.#frame ||= requestAnimationFrame(() => this.drawNow());
   }
 
+  /** As `draw`, while the user moves the view: as many of the points as can be drawn fluently, all of them at rest. */
+  #drawMoving() {
+    clearTimeout(this.#resting);
+    this.#resting = setTimeout(() => this.#rest(), REST);
+    cancelAnimationFrame(this.#frame);
+    this.#frame = requestAnimationFrame(() => this.#step());
+  }
+
+  #rest() {
+    if (this.#frame || this.#lagging()) {
+      this.#resting = setTimeout(() => this.#rest(), REST);
+      return;
+    }
+    this.#drawn = 0;
+    this.#show(1);
+  }
+
+  /** Whether the last frame is still being drawn. */
+  #lagging() {
+    const gl = this.renderer.getContext();
+    return Boolean(this.#fence) && gl.getSyncParameter(this.#fence, gl.SYNC_STATUS) !== gl.SIGNALED;
+  }
+
+  /** One frame of a movement, once the one before is really drawn. */
+  #step() {
+    if (this.#lagging()) {
+      this.#frame = requestAnimationFrame(() => this.#step());
+      return;
+    }
+    const now = performance.now();
+    if (this.#drawn) this.#pace += 0.4 * (Math.min(now - this.#drawn, 1000) - this.#pace);
+    this.#drawn = now;
+    if (this.#pace > 1.3 * FLUENT) this.#part = Math.max(this.#part / 2, LEAST_PART);
+    else if (this.#pace < FLUENT / 2) this.#part = Math.min(this.#part * 1.1, 1);
+    this.#show(this.#part);
+    const gl = this.renderer.getContext();
+    if (this.#fence) gl.deleteSync(this.#fence);
+    this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+  }
+
+  #show(part) {
+    this.points.geometry.setDrawRange(0, Math.ceil(part * (this.count ?? 0)));
+    this.uniforms.scale.value = (this.grid?.step ?? 1) / Math.sqrt(part);
+    this.drawNow();
+  }
+
   drawNow() {
     cancelAnimationFrame(this.#frame);
     this.#frame = 0;
@@ -198,7 +264,8 @@ export class Space {
   measure(frames = 20) {
     const { gl, one } = { gl: this.renderer.getContext(), one: new Uint8Array(4) };
     const finished = () => gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, one);
-    this.drawNow();
+    clearTimeout(this.#resting);
+    this.#show(1);
     finished();
     const start = performance.now();
     for (let i = 0; i < frames; i++) {
@@ -208,6 +275,20 @@ export class Space {
       finished();
     }
     return (1000 * frames) / (performance.now() - start);
+  }
+
+  /** Frames a second while the user turns the scene for so many seconds, and the part of the points that is then drawn. */
+  async measureMoving(seconds = 3) {
+    const start = performance.now();
+    let [frames, settled] = [0, start];
+    while (performance.now() - start < 1000 * seconds) {
+      this.#turn(0.01, 0);
+      const before = this.#drawn;
+      while (this.#drawn === before && performance.now() - start < 2000 * seconds) await new Promise(requestAnimationFrame);
+      if (performance.now() - start < 500 * seconds) settled = performance.now();
+      else frames++;
+    }
+    return [(1000 * frames) / (performance.now() - settled), this.#part];
   }
 
   #resize() {
@@ -278,7 +359,7 @@ export class Space {
     add("q", this.camera.up, -1);
     this.camera.position.add(step);
     this.orbit.target.add(step);
-    this.drawNow();
+    this.#drawMoving();
     clearTimeout(this.moving);
     this.moving = setTimeout(() => this.#move(), 16);
   }

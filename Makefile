@@ -22,7 +22,7 @@ help:  ## list these commands
 
 # For users
 
-setup: $(VENV)/.user  ## make .venv with the package and what its study needs in it
+setup: $(VENV)/.user  ## make .venv with the package and what its study and its page need in it
 	@echo "Ready: $(BIN)/stereopsis --help"
 
 demo: $(VENV)/.user  ## render a street scene, match it, score it, write everything into demo/
@@ -91,7 +91,7 @@ $(BIN)/python:
 $(VENV)/.user: $(BIN)/python $(CORE)
 	@if [ -e $(VENV)/.dev ]; \
 		then $(PIP) install --no-build-isolation --no-deps --editable .; \
-		else $(PIP) install --editable '.[study]'; fi
+		else $(PIP) install --editable '.[study,view]'; fi
 	@touch $@
 
 $(VENV)/.dev: $(BIN)/python pyproject.toml

@@ -652,6 +652,14 @@ def test_nothing_is_wider_than_the_window(
             assert picture.width == width
 
 
+def busy() -> float:
+    """How many times as long something takes here as it would on a machine that does nothing else."""
+    start, work = time.perf_counter(), time.process_time()
+    while time.process_time() - work < 0.3:
+        pass
+    return max(1.0, (time.perf_counter() - start) / 0.3)
+
+
 def test_a_step_of_the_slider_is_soon_on_the_screen(
     visit: Callable[..., Page], street: Served, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -661,16 +669,19 @@ def test_a_step_of_the_slider_is_soon_on_the_screen(
     slider.focus()
     page.wait_for_timeout(1000)
     times: list[float] = []
-    # The machine may be busy with something else; then it takes more steps until one tells of the page alone.
-    while len(times) < 12 or (min(times) >= 150 and len(times) < 40):
+    slowness = busy()
+    for _ in range(12):
         page.keyboard.press("ArrowRight")  # a window that was not matched before
         shown = wait_for_result(page, shown)
         page.wait_for_timeout(250)
         times.append(float(page.locator("html").get_attribute("data-latency") or "nan"))
     with capsys.disabled():
         middle = statistics.median(times)
-        print(f"\nslider to screen: median {middle:.0f} ms, {min(times):.0f} to {max(times):.0f}")
-    assert min(times) < 150
+        print(
+            f"\nslider to screen: median {middle:.0f} ms, {min(times):.0f} to {max(times):.0f}, "
+            f"on a machine where work takes {slowness:.1f} times as long as alone"
+        )
+    assert min(times) < 150 * slowness
 
 
 def test_a_dragged_slider_ends_where_it_was_let_go(visit: Callable[..., Page], street: Served) -> None:
@@ -691,3 +702,29 @@ def test_a_dragged_slider_ends_where_it_was_let_go(visit: Callable[..., Page], s
     expect(page.locator("#repeat")).to_contain_text(re.compile(rf"window={wanted}x\d+"))
     expect(slider).to_have_value(wanted)
     expect(page.locator("#alert")).to_be_hidden()
+
+
+def test_files_are_chosen_and_the_result_is_taken_away(
+    visit: Callable[..., Page], pair: Served, tmp_path: Path
+) -> None:
+    page = visit(pair.address)
+    before = wait_for_result(page)
+    left, right, _, calibration = written(tmp_path, "other", small(7))
+    page.get_by_role("button", name="Open files").click()
+    dialog = page.locator("#files")
+    for label, file in (("Left image", left), ("Right image", right), ("Calibration", calibration)):
+        dialog.get_by_label(label).set_input_files(file)
+    dialog.get_by_role("button", name="Open", exact=True).click()
+    wait_for_result(page, before)
+    expect(page.locator("#scores")).to_contain_text("No truth is known")
+    with page.expect_download() as download:
+        page.locator("#downloads").get_by_role("link", name="PFM").click()
+    download.value.save_as(tmp_path / "map.pfm")
+    disparity = st.read_disparity(tmp_path / "map.pfm")
+    page.mouse.move(*point(page, 60, 90, 240, 120))
+    assert number(page, "d") == pytest.approx(disparity[90, 60], abs=6e-4, nan_ok=True)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="This view").click()
+    with Image.open(download.value.path()) as picture:
+        assert picture.width >= 240
+    expect(page.locator("#repeat")).to_contain_text("stereopsis match")

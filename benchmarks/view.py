@@ -2,6 +2,7 @@
 
     python benchmarks/view.py
     python benchmarks/view.py --moves 100 --clients 50 --rounds 4
+    python benchmarks/view.py --stops         # how soon a computation that is replaced ends
 
 Starts the command ``stereopsis view`` on the synthetic street, and asks it over HTTP as the page does: a
 match, then the disparity's bytes. Prints latencies, what was answered, and the memory of the server and of
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
+import random
 import re
 import signal
 import statistics
@@ -21,9 +23,14 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import httpx
 import psutil
+
+import stereopsis as st
+from stereopsis.view.pool import Job, Pool
+from stereopsis.view.sources import Scene
 
 MIB = 2**20
 
@@ -113,11 +120,47 @@ async def load(address: str, process: psutil.Process, moves: int, clients: int, 
     return good
 
 
+LONG: dict[str, dict[str, Any]] = {
+    "zsad, window 41": {"cost": st.ZSAD(41), "disparities": (0, 256)},
+    "bilateral 31": {"cost": st.SAD(st.Bilateral(31)), "disparities": (0, 128)},
+    "trws": {"cost": st.SSD(5), "optimize": "trws", "disparities": (0, 128)},
+    "bp": {"cost": st.SSD(5), "optimize": "bp", "disparities": (0, 128)},
+    "expansion": {"cost": st.SSD(5), "optimize": "expansion", "disparities": (0, 64)},
+}
+
+
+def stops(turns: int = 5) -> None:
+    """Until the process takes the next job, after one that is not wanted any more."""
+    street = st.scenes.street(1200, 700, 1)
+    scene = Scene(street.left, street.right, None, None, None, None, st.Disparities(0, 128))
+    dice = random.Random(0)
+    pool = Pool(1, waiting=8, memory=0, held=2**30)
+    try:
+        for name, settings in LONG.items():
+            seconds = []
+            for _ in range(turns):
+                job = pool.submit(Job("matched", (st.Settings(**settings),), ("street", scene)))
+                time.sleep(dice.uniform(0.6, 1.4))
+                assert not job.future.done(), "too short to be stopped"
+                start = time.perf_counter()
+                pool.stop(job, "replaced")
+                pool.submit(Job("nothing", ())).future.result()
+                seconds.append(time.perf_counter() - start)
+            print(f"  {name}: {', '.join(f'{1000 * second:.0f}' for second in seconds)} ms")
+    finally:
+        pool.close()
+
+
 def memory(process: psutil.Process) -> str:
     """Resident memory of the server and of the processes that it has started."""
     own = process.memory_info().rss / MIB
     others = [child.memory_info().rss / MIB for child in process.children(recursive=True)]
     return f"{own:.0f} MiB, processes {' + '.join(f'{size:.0f}' for size in others)} MiB"
+
+
+def _machine() -> str:
+    others = f", load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    return f"{os.cpu_count()} cores{others}, Python {sys.version.split()[0]}"
 
 
 def main() -> int:
@@ -126,15 +169,19 @@ def main() -> int:
     parser.add_argument("--moves", type=int, default=100)
     parser.add_argument("--clients", type=int, default=50)
     parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--stops", action="store_true")
     options = parser.parse_args()
+    if options.stops:
+        print(_machine())
+        stops()
+        return 0
     command = [sys.executable, "-m", "stereopsis", "view", "--no-browser"]
     started = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         assert started.stderr is not None
         address = re.search(r"http://\S+/", started.stderr.readline())
         assert address is not None
-        others = f", load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-        print(f"{os.cpu_count()} cores{others}, Python {sys.version.split()[0]}")
+        print(_machine())
         process = psutil.Process(started.pid)
         good = asyncio.run(load(address[0], process, options.moves, options.clients, options.rounds))
     finally:

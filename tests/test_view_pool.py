@@ -117,6 +117,20 @@ def test_a_job_that_waits_is_never_begun(pool: Pool) -> None:
         waiting.future.result(0)
 
 
+def test_the_scene_of_a_job_that_was_never_begun_is_kept(pool: Pool) -> None:
+    """The wish to stop may be read before the job is taken up."""
+    pool.submit(Job("nothing", ())).future.result(30)
+    settings = st.Settings(cost=st.SSD(5), disparities=(0, 16))
+    scene = _scene()
+    for turn in range(20):
+        job = pool.submit(Job("matched", (settings,), (str(turn), scene)))
+        while pool._clerks[0].job is not job and not job.future.done():
+            pass
+        pool.stop(job, "not wanted")
+        facts, _ = pool.submit(Job("matched", (settings,), (str(turn), scene))).future.result(30)
+        assert facts["path"] == "streaming"
+
+
 def test_stopping_what_is_done_changes_nothing(pool: Pool) -> None:
     job = pool.submit(_matching(_scene(), disparities=(0, 16)))
     facts, arrays = job.future.result(30)

@@ -39,15 +39,17 @@ class Desk:
             "download": download,
         }
 
-    def do(self, function: str, arguments: tuple[Any, ...], parcel: tuple[Any, ...]) -> Any:
-        """Do one job."""
-        key, scene, gone = parcel
+    def keep(self, key: str | None, scene: Scene | None, gone: tuple[str, ...]) -> None:
+        """Take what came with a job, and let go of what is not wanted: also where the job itself is not."""
         for old in gone:
             self._scenes.pop(old, None)
-        if scene is not None:
+        if key is not None and scene is not None:
             self._scenes[key] = scene
-        ours = () if key is None else (self._scenes[key],)
-        return self._functions[function](*ours, *arguments)
+
+    def do(self, function: str, key: str | None, arguments: tuple[Any, ...]) -> Any:
+        """Do one job."""
+        scene = () if key is None else (self._scenes[key],)
+        return self._functions[function](*scene, *arguments)
 
 
 def load(source: Source, pixels: int) -> Scene:

@@ -66,11 +66,12 @@ def main() -> None:
     while True:
         number, function, arguments, parcel = inbox.jobs.get()
         answer: tuple[Any, ...]
+        desk.keep(*parcel)
         try:
             inbox.running = number
             if number == inbox.unwanted:
                 raise Stopped
-            answer = (number, "done", desk.do(function, arguments, parcel))
+            answer = (number, "done", desk.do(function, parcel[0], arguments))
             inbox.running = None
         except Stopped:
             answer = (number, "stopped", None)

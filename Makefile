@@ -10,18 +10,19 @@ DATA   ?= $(or $(STEREOPSIS_DATA),../shared/data)
 # What the compiled core is made from.
 CORE := pyproject.toml CMakeLists.txt $(shell find cpp -name tests -prune -o -type f -print)
 CODE := src tests benchmarks docs examples
+VIEW := $(wildcard tests/test_view*.py)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:  # the stamps below are made in order
-.PHONY: help setup demo test lint format types imports cpp-test py-test docs wheel bench accuracy clean
+.PHONY: help setup demo test lint format types imports cpp-test py-test view-test browser docs wheel bench accuracy clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
 # For users
 
-setup: $(VENV)/.user  ## make .venv with the package and what its study needs in it
+setup: $(VENV)/.user  ## make .venv with the package and what its study and its page need in it
 	@echo "Ready: $(BIN)/stereopsis --help"
 
 demo: $(VENV)/.user  ## render a street scene, match it, score it, write everything into demo/
@@ -29,7 +30,7 @@ demo: $(VENV)/.user  ## render a street scene, match it, score it, write everyth
 
 # For developers
 
-test: lint types imports cpp-test py-test  ## everything that must hold before a change lands
+test: lint types imports cpp-test browser py-test  ## everything that must hold before a change lands
 
 lint: $(VENV)/.dev  ## rules and formatting of the Python code
 	$(BIN)/ruff check $(CODE)
@@ -53,6 +54,12 @@ cpp-test: $(VENV)/.dev  ## the kernels' tests, under the address and undefined-b
 
 py-test: $(VENV)/.dev $(VENV)/.user  ## the library's tests
 	$(BIN)/python -m pytest
+
+view-test: browser $(VENV)/.dev $(VENV)/.user  ## the tests of the page and its server, in a real browser
+	$(BIN)/python -m pytest $(VIEW)
+
+browser:  ## install Chromium where there is none; the page is tested in it
+	sh tools/browser.sh
 
 docs: $(VENV)/.dev $(VENV)/.user  ## build docs/_build/html, warnings are errors
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
@@ -84,7 +91,7 @@ $(BIN)/python:
 $(VENV)/.user: $(BIN)/python $(CORE)
 	@if [ -e $(VENV)/.dev ]; \
 		then $(PIP) install --no-build-isolation --no-deps --editable .; \
-		else $(PIP) install --editable '.[study]'; fi
+		else $(PIP) install --editable '.[study,view]'; fi
 	@touch $@
 
 $(VENV)/.dev: $(BIN)/python pyproject.toml

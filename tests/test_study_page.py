@@ -254,3 +254,12 @@ def test_labels_and_names_differ() -> None:
     assert len(windowed) == 255 * sum(method.windowed for method in methods.METHODS)
     assert not windowed & {method.name for method in methods.METHODS}
     assert {method.part for method in methods.METHODS} == set(methods.PARTS)
+
+
+def test_swipe_and_tables_are_the_very_files_of_the_page_to_look_at(text: str, page: Page) -> None:
+    static = Path(st.__file__).parent / "view" / "static"
+    for name in ("pieces.css", "swipe.js", "table.js"):
+        assert (static / name).read_text(encoding="utf-8") in text
+    tags = Counter(tag for tag, _ in page.elements)
+    assert tags["sortable-table"] == tags["table"] > 3
+    assert tags["swipe-view"] == 1

@@ -200,6 +200,7 @@ def commands(ctx: click.Context) -> None:
       stereopsis demo -o demo
       stereopsis match left.png right.png -o disparity.png -o preview.png
       stereopsis evaluate disparity.png truth.png
+      stereopsis view
       stereopsis info disparity.png
       stereopsis bench accuracy DATASET
     """
@@ -214,6 +215,7 @@ def commands(ctx: click.Context) -> None:
 @_choices
 @click.option("--calibration", type=_INPUT, help="The pair's calibration; .ply needs it.")
 @click.option("--truth", type=_INPUT, help="Score the result against this disparity map.")
+@click.option("--show", is_flag=True, help="Then open the page on it; see 'stereopsis view --help'.")
 @_json
 def match(
     left: Path,
@@ -222,6 +224,7 @@ def match(
     settings: Settings,
     calibration: Path | None,
     truth: Path | None,
+    show: bool,
     as_json: bool,
 ) -> None:
     """Match a rectified pair.
@@ -236,6 +239,8 @@ def match(
     """
     import stereopsis as st
 
+    if show:
+        _require_view()
     camera = st.read_calibration(calibration) if calibration else None
     _check_outputs(outputs, camera, inputs=(left, right, calibration, truth))
     pair = st.read_pair(left, right, camera)
@@ -251,12 +256,14 @@ def match(
         scored = {"scores": scores.to_dict()} if scores else {}
         files = {"left": str(left), "right": str(right), "outputs": [str(path) for path in outputs]}
         _print_json({**files, **_facts(result), **scored})
-        return
-    _print_result(result)
-    if scores:
-        click.echo()
-        _print_scores(scores)
-    _print_written(outputs)
+    else:
+        _print_result(result)
+        if scores:
+            click.echo()
+            _print_scores(scores)
+        _print_written(outputs)
+    if show:
+        _view((left, right), truth=truth, calibration=camera, settings=settings)
 
 
 @commands.command()
@@ -459,6 +466,67 @@ def study(
             _print_table(lines, head)
         _print_written(made.files)
     return INCOMPLETE if made.outcome.failed else 0
+
+
+@commands.command()
+@click.argument("target", nargs=-1, type=click.Path(exists=True, path_type=Path))
+@click.option("--truth", type=_INPUT, help="The true disparity map of a pair or a map.")
+@click.option("--left", type=_INPUT, help="The left image of a disparity map.")
+@click.option("--calibration", type=_INPUT, help="The geometry of a pair or a map.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Where to listen.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="0: any that is free."
+)
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+def view(target: tuple[Path, ...], no_browser: bool, **options: Any) -> None:
+    """Look at a pair, its disparity, its errors and its points on a local page.
+
+    \b
+      stereopsis view
+      stereopsis view left.png right.png --truth truth.png --calibration calib.txt
+      stereopsis view disparity.png --left left.png
+      stereopsis view DATASET
+      stereopsis view out
+
+    TARGET is a pair, a disparity map, a data set, or a folder with a results.csv; without it, a street is
+    rendered. Ctrl-C ends the page. Beyond this machine it is served only to who has the token in the printed
+    address.
+    """
+    _require_view()
+    _view(target, browser=not no_browser, **options)
+
+
+def _require_view() -> None:
+    from stereopsis import view as view_
+
+    try:
+        view_.require()
+    except ModuleNotFoundError as error:
+        raise click.ClickException(str(error)) from None
+
+
+def _view(
+    paths: Sequence[Path],
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    browser: bool = True,
+    settings: Settings | None = None,
+    **files: Any,
+) -> None:
+    """Serve the page until Ctrl-C."""
+    from stereopsis import view as view_
+
+    def ready(address: str) -> None:
+        import threading
+        import webbrowser
+
+        click.echo(f"stereopsis: the page is at {address}; Ctrl-C ends it", err=True)
+        if browser:  # in a thread, as a browser in the terminal would stop the server
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+    target = view_.open_target(paths, settings=settings, **files)
+    view_.serve(target, host=host, port=port, ready=ready)
 
 
 @commands.group(cls=_Commands, invoke_without_command=True)
@@ -819,7 +887,7 @@ def _print_result(result: Result) -> None:
     rows = {
         "size": _size(result.disparity),
         "disparities": f"{low}:{high}",
-        "cost": f"{cost['name']}, window {_window(cost['window'])}",
+        "cost": f"{cost['name']}, window {_window(cost['window'])}" if "window" in cost else _text(cost),
         **settings,
         "path": result.path,
         "time": f"{1000 * result.seconds:.1f} ms ({', '.join(stages)})",

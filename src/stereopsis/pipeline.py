@@ -894,6 +894,13 @@ def _presented(
         return np.where(whole < worst, whole.astype(np.float64) * unit, np.inf).astype(np.float32)
 
 
+def volume(pixels: cost.Pixels, chosen: Settings) -> npt.NDArray[Any]:
+    """Every candidate's cost, (H, W, D) as ``keep="costs"`` has it, of pixels that are at hand already."""
+    chosen = chosen.changed(keep=("costs",), vertical=None)
+    kept = _match(Pair(pixels.left, pixels.right), chosen, time.perf_counter(), {}, pixels)
+    return kept.stages["costs"]
+
+
 def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disparities:
     """The range of disparities of a pair, from its images alone.
 

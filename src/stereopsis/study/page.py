@@ -34,6 +34,9 @@ WIDEST: Final = 900
 
 EXAMPLES: Final = 3
 
+PIECES: Final = ("pieces.css", "swipe.js", "table.js")
+"""What this page shares with that of `stereopsis.view`: the very files, written into this one."""
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -80,9 +83,12 @@ def write(
     template = (resources.files("stereopsis.study") / "page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.globals["inline"] = figures.inline
+    static = resources.files("stereopsis") / "view" / "static"
+    pieces = {name: (static / name).read_text(encoding="utf-8") for name in PIECES}
     pictures = [picture for section in sections for picture in section.pictures]
     text = environment.from_string(template).render(
         name=report.name,
+        pieces=pieces,
         study=study,
         toml=_shown(study),
         sections=sections,

@@ -45,6 +45,7 @@ from stereopsis.types import (
     Disparities,
     DisparityMap,
     Flag,
+    Frame,
     Image,
     Pair,
     Result,
@@ -215,12 +216,39 @@ def match(
     return _match(pair, chosen, start, timings)
 
 
+def match_part(
+    left: Image, right: Image, chosen: Settings, frame: Frame, largest: float | None = None
+) -> Result:
+    """Match a part of a larger pair, with what is known of the whole.
+
+    Parameters
+    ----------
+    left, right : ndarray, (H, W) or (H, W, 3)
+        The same rows and columns of both images.
+    chosen : Settings
+        With `disparities` and `vertical` known.
+    frame : Frame
+    largest : float, optional
+        Largest magnitude of the whole images, where they hold floats.
+
+    Returns
+    -------
+    Result
+        Of the part; right, as far as its edges are the image's or lie farther off than the settings' halo.
+    """
+    start = time.perf_counter()
+    pair = _pair(left, right)
+    pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
+    return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
+
+
 def _match(
     pair: Pair,
     chosen: Settings,
     start: float,
     timings: dict[str, float],
     pixels: cost.Pixels | None = None,
+    frame: Frame | None = None,
 ) -> Result:
     assert chosen.disparities is not None
     stages: dict[str, npt.NDArray[Any]] = {}
@@ -229,7 +257,7 @@ def _match(
     seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
     if isinstance(chosen.vertical, Vertical) and any(chosen.vertical):
         with _timed(timings, "vertical"):
-            right = rectify.undone(pixels.right, chosen.vertical, chosen.threads)
+            right = rectify.undone(pixels.right, chosen.vertical, chosen.threads, frame)
             pixels = pixels._replace(right=right)
     merged = chosen.slant is not None or bool(chosen.extra_windows)
     composed = not merged and not _streams(chosen, pixels)
@@ -248,9 +276,11 @@ def _match(
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
     elif isinstance(chosen.optimize, sgm.SGM):
-        disparity, confidence, flags = _semi_global(pixels, chosen, seen, chosen.optimize, timings, stages)
+        disparity, confidence, flags = _semi_global(
+            pixels, chosen, seen, chosen.optimize, timings, stages, frame
+        )
     elif merged:
-        disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages)
+        disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages, frame)
     elif chosen.upsample is not None:
         disparity, confidence, flags = _match_upsampled(pixels, chosen, chosen.upsample, seen, timings)
     else:
@@ -413,6 +443,7 @@ def _semi_global(
     solver: sgm.SGM,
     timings: dict[str, float],
     stages: dict[str, npt.NDArray[Any]],
+    frame: Frame | None,
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Census to winner in one go; with slant once more along the ground, where smooth means on the ground.
 
@@ -438,15 +469,15 @@ def _semi_global(
 
     with _timed(timings, "match"):
         along(slant.LEVEL, pixels, seen, 0)
-    ground = None
-    if chosen.slant is not None:
+    ground = next(iter(_told(frame)), None)
+    if chosen.slant is not None and (frame is None or frame.planes is None):
         with _timed(timings, "planes"):
             ground = slant.road(np.where(best.flags == 0, best.disparity, np.float32(np.nan)), census.size)
     if ground is not None:
         with _timed(timings, "match along the ground"):
             views = slant.warped(pixels.left, pixels.right, ground, 0, chosen.threads, floor=seen.min)
             candidates = Disparities(-slant.MARGIN, max(slant.MARGIN, seen.span - slant.MARGIN))
-            along(ground, cost.Pixels(*views, pixels.step), candidates, 1)
+            along(ground, cost.Pixels(*views, pixels.step, pixels.limits), candidates, 1)
     if "planes" in chosen.keep:
         stages["planes"] = np.array([] if ground is None else [ground], np.float64).reshape(-1, 3)
         stages["plane"] = best.plane
@@ -707,11 +738,12 @@ def _volume(
             with _timed(timings, "information"):
                 tables = information.tables(*pixels[:2], seen, threads)
         with _timed(timings, "cost"):
-            return _sampled(pixelwise.volume(chosen.cost, *pixels[:2], seen, threads, tables), sampling)
+            costs = pixelwise.volume(chosen.cost, *pixels[:2], seen, threads, tables, pixels.limits)
+            return _sampled(costs, sampling)
     if chosen.cost.support is not None:
         with _timed(timings, "weigh"):
             weighed: npt.NDArray[Any] = weigh.volume(
-                chosen.cost.support, kind, *pixels, seen, sampling, threads
+                chosen.cost.support, kind, *pixels[:3], seen, sampling, threads
             )
             return weighed
     if chosen.optimize is not None and _fused.serves_volume(kind, pixels, window):
@@ -785,11 +817,13 @@ def _merge(
     seen: Disparities,
     timings: dict[str, float],
     stages: dict[str, npt.NDArray[Any]],
+    frame: Frame | None,
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Along several planes and with several windows: for each pixel the best of what streaming gave."""
     width = pixels.left.shape[1]
     with _timed(timings, "planes"):
-        planes = _planes(pixels, chosen, seen)
+        told = frame is not None and frame.planes is not None
+        planes = _told(frame) if told else _planes(pixels, chosen, seen)
     with _timed(timings, "match"):
         windows = (chosen.cost.size, *chosen.extra_windows)
         best = _along(pixels, planes, windows, chosen, seen)
@@ -814,6 +848,13 @@ def _merge(
         stages["planes"] = np.array(planes, np.float64).reshape(-1, 3)
         stages["plane"] = best.plane
     return disparity, confidence, flags
+
+
+def _told(frame: Frame | None) -> list[slant.Plane]:
+    """The whole image's planes, as they lie in the part."""
+    if frame is None or frame.planes is None:
+        return []
+    return [slant.Plane(a, b, c + a * frame.left + b * frame.top) for a, b, c in frame.planes]
 
 
 def _planes(pixels: cost.Pixels, chosen: Settings, seen: Disparities) -> list[slant.Plane]:
@@ -894,9 +935,19 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
     -------
     Disparities
     """
-    width = left.shape[1]
-    factor = max(1, -(-width // 256))
-    small = Pair(_shrunk(left, factor), _shrunk(right, factor))
+    factor = shrinking(left.shape[1])
+    small = Pair(shrunk(left, factor), shrunk(right, factor))
+    return disparities_of_shrunk(small, left.shape[1], threads)
+
+
+def shrinking(width: int) -> int:
+    """By how much images of so many columns are shrunk for an estimate of their range."""
+    return max(1, -(-width // 256))
+
+
+def disparities_of_shrunk(small: Pair, width: int, threads: int = 0) -> Disparities:
+    """The range of images of so many columns, from these images shrunken; see `estimate_disparities`."""
+    factor = shrinking(width)
     columns = small.left.shape[1]
     search = Disparities(-(columns // 8) - 1, columns * 5 // 8 + 2)
     probe = Settings(
@@ -944,21 +995,31 @@ def estimate_vertical(
         Zero where the field is not significant, or too small to be worth undoing.
     """
     pixels = cost.pixels(left, right, "grey", threads)
-    width = left.shape[1]
-    seen, count = _in_view(settings.as_disparities(disparities), width, 1), rectify.levels(width)
+    count = rectify.levels(left.shape[1])
     mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count) for image in pixels[:2])
-    rows, columns = mine[-1].shape
+    first = coarse_map(mine[-1], other[-1], settings.as_disparities(disparities), left.shape[1], threads)
+    if first is None:
+        return Vertical(0.0)
+    return rectify.fit(rectify.sights(mine, other, first, threads), left.shape)
+
+
+def coarse_map(
+    left: rectify.Bytes, right: rectify.Bytes, disparities: Disparities, width: int, threads: int = 0
+) -> DisparityMap | None:
+    """A map of images of so many columns that were halved as `estimate_vertical` does; None if too small."""
+    seen, count = _in_view(disparities, width, 1), rectify.levels(width)
+    rows, columns = left.shape
     coarse = None
     if seen is not None and min(rows, columns) >= 8:
         coarse = _in_view(Disparities(seen.min >> count, ((seen.max - 1) >> count) + 2), columns, 1)
     if coarse is None:
-        return Vertical(0.0)
-    last = cost.Pixels(mine[-1][..., None], other[-1][..., None], 1.0)
+        return None
+    last = cost.Pixels(left[..., None], right[..., None], 1.0)
     first, _, _ = _fused.match("zncc", last, coarse, (15, 7), "parabola", 1.0, 5.0, threads)
-    return rectify.fit(rectify.sights(mine, other, first, threads), left.shape)
+    return first
 
 
-def _shrunk(image: Image, factor: int) -> Image:
+def shrunk(image: Image, factor: int) -> Image:
     """The mean of each factor x factor block, as float32 grey."""
     grey = image.astype(np.float32) if image.ndim == 2 else image.astype(np.float32).mean(axis=2)
     if min(grey.shape) < factor:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import Disparities, DisparityMap, Flag, Image
+from stereopsis.types import Disparities, DisparityMap, Flag, Halo, Image
 
 FIRST_WINDOW = (25, 9)
 """Support window of the map that planes are fitted to: flat, so that even a road changes little within it."""
@@ -32,6 +32,14 @@ FACADES = 2
 """How many planes that are not slanted may hold more pixels than the ground does."""
 MOST_PLANES = 3
 """How many planes are looked for, the road included."""
+
+
+def halo(window: tuple[int, int]) -> Halo:
+    """What a match along a given plane depends on beyond its range: the window, residuals, and a cubic.
+
+    The check of left against right works on the mirrored pair, where an even window reaches the other way.
+    """
+    return Halo.around(window[0] // 2, window[1] // 2).then(Halo.around(MARGIN + 3, 0))
 
 
 class Plane(NamedTuple):

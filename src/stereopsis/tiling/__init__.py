@@ -1,0 +1,1 @@
+"""Tiles: images larger than the memory at hand, matched piece by piece."""

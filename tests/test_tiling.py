@@ -64,9 +64,8 @@ def test_tiles_cover_every_pixel_once_and_hold_their_halo(shape, side, halo, ali
     for core, part in (found := tiles(shape, side, halo, aligned)):
         seen[core.slices] += 1
         assert part.top % aligned == part.left % aligned == 0
-        assert 0 <= part.top <= max(0, core.top - halo.up) and part.bottom == min(
-            shape[0], core.bottom + halo.down
-        )
+        assert 0 <= part.top <= max(0, core.top - halo.up)
+        assert part.bottom == min(shape[0], core.bottom + halo.down)
         assert 0 <= part.left <= max(0, core.left - halo.left)
         assert part.right == min(shape[1], core.right + halo.right)
         within = tile(core, shape, halo, aligned).within
@@ -123,6 +122,7 @@ def assert_same_bits(left, right, chosen, side, band=900):
 
 
 WINDOWS = some.tuples(some.integers(1, 9), some.integers(1, 9))
+RANGES = some.builds(lambda low, span: (low, low + span), some.integers(-20, 30), some.integers(1, 20))
 COSTS = some.one_of(
     some.builds(
         lambda kind, window: kind(window),
@@ -147,14 +147,14 @@ COSTS = some.one_of(
     channels=some.sampled_from([(), (), (3,)]),
     dtype=some.sampled_from(["uint8", "uint8", "uint16", "float32"]),
     side=some.tuples(some.integers(3, 30), some.integers(3, 40)),
-    disparities=some.builds(lambda low, span: (low, low + span), some.integers(-20, 30), some.integers(1, 20)),
+    disparities=RANGES,
     cost=COSTS,
     others=some.fixed_dictionaries({}, optional={
         "channels": some.just("separate"),
         "left_right": some.sampled_from([0.0, 1.0, 3.0]),
         "uniqueness": some.sampled_from([0.0, 5.0]),
         "texture": some.sampled_from([0.5, "auto"]),
-        "subpixel": some.sampled_from([None, "equiangular", "symmetric", "lucas-kanade", "lucas-kanade-affine"]),
+        "subpixel": some.sampled_from(["equiangular", "symmetric", "lucas-kanade", "lucas-kanade-affine"]),
         "refine_window": some.sampled_from([(9, 5), 4]),
         "median": some.sampled_from([1, 3, 5]),
         "speckle": some.sampled_from([(1, 1.0), (6, 0.5), (25, 1.0)]),
@@ -164,7 +164,7 @@ COSTS = some.one_of(
     }),
     seed=some.integers(0, 2**32 - 1),
 )  # fmt: skip
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_the_same_bits(shape, channels, dtype, side, disparities, cost, others, seed):
     try:
         chosen = Settings(disparities=disparities, cost=cost, subpixel=None).changed(**others)
@@ -215,18 +215,19 @@ def test_a_preset_in_tiles_is_the_preset():
     assert (disparity.view(np.uint32) == whole.disparity.view(np.uint32)).all()
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
-@pytest.mark.parametrize("small", [2**23, 30000, 4000])
+@pytest.mark.parametrize(
+    ("dtype", "small"), [("uint8", 2**23), ("uint8", 30000), ("uint16", 4000), ("float32", 30000)]
+)
 def test_rows_are_found_as_in_the_whole_image(monkeypatch, dtype, small):
     """However few of the pyramid's levels are held."""
-    scene = st.scenes.street(900, 350, seed=1, gray=True)
+    scene = st.scenes.street(860, 200, seed=1, gray=True)
     moved = rectify.undone(scene.right[..., None], Vertical(-0.7, 0.2, -0.3))[..., 0]
     left, right = ((image * np.float64(17)).astype(dtype) if dtype != "uint8" else image
                    for image in (scene.left, moved))  # fmt: skip
     monkeypatch.setattr(survey, "SMALL", small)
     wanted = st.estimate_vertical(left, right, (0, 100))
     known = survey.survey(
-        Array(left), Array(right), Settings(disparities=(0, 100), vertical="estimate"), band=900 * 40
+        Array(left), Array(right), Settings(disparities=(0, 100), vertical="estimate"), band=860 * 40
     )
     assert known.settings.vertical == pytest.approx(wanted, abs=2e-4)
     assert wanted.offset == pytest.approx(0.7, abs=0.1)

@@ -10,10 +10,10 @@ from stereopsis import pipeline, rectify
 from stereopsis.settings import PRESETS, Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian
 from stereopsis.tiling import reach, survey
-from stereopsis.tiling.grid import Rectangle, tile, tiles
+from stereopsis.tiling.grid import tile, tiles
 from stereopsis.tiling.mosaic import Canvas, Mosaic
 from stereopsis.tiling.parts import Array, match_tile
-from stereopsis.types import WHOLE, Disparities, Flag, Halo, Vertical
+from stereopsis.types import WHOLE, Disparities, Flag, Halo, Rectangle, Vertical
 
 # ---- halos -----------------------------------------------------------------------------------------
 

@@ -122,6 +122,30 @@ class Halo(NamedTuple):
         return cls(rows, rows, columns, columns)
 
 
+class Rectangle(NamedTuple):
+    """Rows ``top, ..., bottom - 1`` and columns ``left, ..., right - 1`` of an image."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.bottom - self.top, self.right - self.left
+
+    @property
+    def size(self) -> int:
+        """Number of pixels."""
+        return (self.bottom - self.top) * (self.right - self.left)
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """As an index of the image."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
 @dataclass(frozen=True)
 class Frame:
     """What a part of a pair has to know of the whole that it was cut from.

@@ -4,31 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from stereopsis.types import Halo
-
-
-class Rectangle(NamedTuple):
-    """Rows ``top, ..., bottom - 1`` and columns ``left, ..., right - 1`` of an image."""
-
-    top: int
-    bottom: int
-    left: int
-    right: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width."""
-        return self.bottom - self.top, self.right - self.left
-
-    @property
-    def size(self) -> int:
-        """Number of pixels."""
-        return (self.bottom - self.top) * (self.right - self.left)
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """As an index of the image."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
+from stereopsis.types import Halo, Rectangle
 
 
 class Tile(NamedTuple):

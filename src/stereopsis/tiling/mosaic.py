@@ -7,9 +7,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis.tiling.grid import Rectangle
 from stereopsis.tiling.parts import Known, Piece, repeats_rows
-from stereopsis.types import Flag
+from stereopsis.types import Flag, Rectangle
 
 
 class Sink(Protocol):

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from stereopsis import pipeline
 from stereopsis.settings import Settings
 from stereopsis.tiling import reach
-from stereopsis.tiling.grid import Rectangle, Tile
-from stereopsis.types import DisparityMap, Flag, Frame, Image
+from stereopsis.tiling.grid import Tile
+from stereopsis.types import DisparityMap, Flag, Frame, Image, Rectangle
 
 
 class Source(Protocol):

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from stereopsis import cost, noise, pipeline, pixelwise, rectify, sgm, validate
 from stereopsis.settings import Settings
 from stereopsis.tiling import reach
-from stereopsis.tiling.grid import Rectangle, tile
+from stereopsis.tiling.grid import tile
 from stereopsis.tiling.parts import Known, Source
-from stereopsis.types import Disparities, Frame, Halo, Pair, Vertical
+from stereopsis.types import Disparities, Frame, Halo, Pair, Rectangle, Vertical
 
 BAND = 2**25
 """Pixels of a band of rows, about, where nobody says."""

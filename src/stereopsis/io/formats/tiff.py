@@ -20,8 +20,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
     """Decode the first page of a TIFF; alpha is dropped, palettes become colour, 1 bit becomes 0 and 255."""
     import tifffile
 
-    # tifffile logs what it meets in a broken file; without a handler Python would print that.
-    logging.getLogger("tifffile").addHandler(_SILENT)
+    silence()
     with tifffile.TiffFile(io.BytesIO(data)) as file:
         page = file.pages.first
         if not all(isinstance(size, int) for size in page.shape):
@@ -41,7 +40,7 @@ def decode(data: bytes) -> npt.NDArray[Any]:
         pixels = np.asarray(page.asarray(maxworkers=1)).reshape(page.shape)
         if page.axes == "SYX":
             pixels = np.moveaxis(pixels, 0, 2)
-        pixels = _in_plain_colours(
+        pixels = in_plain_colours(
             pixels, getattr(page.photometric, "name", str(page.photometric)), page.colormap
         )
         return upright(pixels, page.tags.valueof(TAG, 1))
@@ -57,9 +56,15 @@ def encode(pixels: npt.NDArray[Any]) -> bytes:
     return file.getvalue()
 
 
-def _in_plain_colours(
+def silence() -> None:
+    """Keep Python from printing what tifffile logs of a broken file, which it does without a handler."""
+    logging.getLogger("tifffile").addHandler(_SILENT)
+
+
+def in_plain_colours(
     pixels: npt.NDArray[Any], photometric: str, colormap: npt.NDArray[Any] | None
 ) -> npt.NDArray[Any]:
+    """Pixels as grey or RGB, whatever the file's colours."""
     if pixels.dtype == bool:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
     match photometric:

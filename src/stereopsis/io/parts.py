@@ -40,8 +40,8 @@ class Parts(Protocol):
         ``(H, W)`` or ``(H, W, 3)``.
     dtype : dtype
         uint8, uint16 or float32.
-    held : int
-        Bytes in memory as long as it is open.
+    passing : int
+        Bytes in memory while it is read, beside the pixels as the file has them.
     """
 
     @property
@@ -49,13 +49,10 @@ class Parts(Protocol):
     @property
     def dtype(self) -> np.dtype[Any]: ...
     @property
-    def held(self) -> int: ...
+    def passing(self) -> int: ...
 
     def read(self, part: Rectangle) -> Image:
         """The pixels of a rectangle."""
-
-    def passing(self, part: Rectangle) -> int:
-        """Bytes in memory while it is read, beside its pixels."""
 
 
 class Map(Protocol):
@@ -118,19 +115,16 @@ class _Decoded:
 
     def __init__(self, image: Image) -> None:
         self._image = image
-        self.shape, self.dtype, self.held = image.shape, image.dtype, image.nbytes
+        self.shape, self.dtype, self.passing = image.shape, image.dtype, 0
 
     def read(self, part: Rectangle) -> Image:
         return self._image[part.slices]
-
-    def passing(self, part: Rectangle) -> int:
-        return 0
 
 
 class _Rows:
     """Pixels one after the other in a file, row by row."""
 
-    held = 0
+    passing = 0
 
     def __init__(
         self, path: StrPath, file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], offset: int
@@ -156,9 +150,6 @@ class _Rows:
             if self._file.readinto(target.data) != target.size:  # type: ignore[attr-defined]
                 raise ValueError("truncated: rows are missing")
         return out
-
-    def passing(self, part: Rectangle) -> int:
-        return part.size * self._pixel
 
 
 def _npy(path: StrPath, file: BinaryIO) -> Parts | None:
@@ -195,8 +186,6 @@ def _tiff(path: StrPath, file: BinaryIO, stack: ExitStack) -> Parts | None:
 class _Tiff:
     """The first page of a TIFF."""
 
-    held = 0
-
     def __init__(self, path: StrPath, file: BinaryIO, page: Any, byteorder: str) -> None:
         self._path, self._file, self._page = path, file, page
         colours = self._plain(np.zeros((1, 1, *page.shape[2:]), page.dtype))
@@ -208,6 +197,8 @@ class _Tiff:
         if contiguous and page.bitspersample == 8 * page.dtype.itemsize and page.fillorder == 1:
             dtype = page.dtype.newbyteorder(byteorder)
             self._rows = _Rows(path, file, page.shape, dtype, page.dataoffsets[0])
+        segment = 3 * prod(self._side) * page.dtype.itemsize * prod(page.shape[2:])
+        self.passing = 0 if self._rows is not None else int(segment)
 
     def _plain(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
         page = self._page
@@ -226,11 +217,6 @@ class _Tiff:
             return as_image(
                 Raster(self._plain(pixels.astype(pixels.dtype.newbyteorder("="), copy=False)), "tiff")
             )
-
-    def passing(self, part: Rectangle) -> int:
-        pixel = self._page.dtype.itemsize * prod(self._page.shape[2:])
-        segment = 0 if self._rows is not None else 3 * prod(self._side)
-        return int((part.size + segment) * pixel)
 
     def _segments(self, part: Rectangle) -> Iterator[tuple[int, Rectangle]]:
         """Numbers and places of those that a rectangle needs."""
@@ -270,8 +256,6 @@ def _relative(inner: Rectangle, outer: Rectangle) -> tuple[slice, slice]:
 class _Zarr:
     """A Zarr array."""
 
-    held = 0
-
     def __init__(self, path: StrPath) -> None:
         zarr = _require_zarr()
         if not any((Path(path) / name).exists() for name in ("zarr.json", ".zarray")):
@@ -281,15 +265,13 @@ class _Zarr:
             self.shape: tuple[int, ...] = tuple(self._array.shape)
             self.dtype = _image_dtype(np.dtype(self._array.dtype), self.shape)
         self._path = path
+        # It reads several chunks at once.
+        self.passing = 12 * prod(self._array.chunks) * self._array.dtype.itemsize
 
     def read(self, part: Rectangle) -> Image:
         with naming(self._path):
             values = np.asarray(self._array[part.slices])
             return as_image(Raster(values.astype(values.dtype.newbyteorder("="), copy=False), "zarr"))
-
-    def passing(self, part: Rectangle) -> int:
-        chunk = prod(self._array.chunks[:2])
-        return int(part.size + 12 * chunk) * int(self._array.dtype.itemsize) * prod(self.shape[2:])
 
 
 def _require_zarr() -> Any:

@@ -266,9 +266,9 @@ def _prepare(
     per_pixel = memory_.needed(known.settings, dtype, channels)
 
     def needs(tile: Tile) -> int:
-        reading = max(source.passing(tile.part) for source in sources)
-        # The piece is cut out, counted and written while the part is still there.
-        return int(tile.part.size * per_pixel) + tile.core.size * (memory_.OUT + 2) + reading
+        # The piece is cut out while the part's result is there, but no longer the images.
+        cut = tile.part.size * memory_.OUT + tile.core.size * (memory_.OUT + 2)
+        return max(int(tile.part.size * per_pixel), cut) + max(source.passing for source in sources)
 
     laid = plan(known.frame.shape, known.settings, room, needs)
     if len(laid.tiles) == 1:
@@ -277,16 +277,17 @@ def _prepare(
 
 
 def _open(left: StrPath, right: StrPath, limit: int, stack: ExitStack) -> tuple[files.Parts, files.Parts]:
+    opened = []
     for path in (left, right):
-        needed = memory_.resident() + SPARE + files.opening(path)
-        if needed > limit:
+        decoding = files.opening(path)
+        needed = memory_.resident() + SPARE + decoding
+        if decoding and needed > limit:
             raise ValueError(
                 f"memory must be at least {needed / 2**20:.0f} MiB to decode {path} whole, not "
                 f"{limit / 2**20:.0f} MiB; a TIFF, NPY or Zarr file is read in parts"
             )
-        if path is left:
-            first = stack.enter_context(files.open_parts(path))
-    second = stack.enter_context(files.open_parts(right))
+        opened.append(stack.enter_context(files.open_parts(path)))
+    first, second = opened
     if first.shape != second.shape or first.dtype != second.dtype:
         sides = [f"{path} is {_kind(image)}" for path, image in ((left, first), (right, second))]
         raise ValueError(f"the images of a pair must be alike: {sides[0]}, {sides[1]}")

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from stereopsis import _fused, optimize, pixelwise, sgm
+from stereopsis.cost import KINDS
 from stereopsis.settings import Settings
 from stereopsis.supports import Gaussian
 from stereopsis.types import Disparities, Vertical
@@ -17,6 +18,8 @@ from stereopsis.types import Disparities, Vertical
 UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "KI": 2**10, "MI": 2**20, "GI": 2**30, "TI": 2**40}
 OUT = 9
 """Disparity, confidence and flags."""
+SCATTERED = 1.12
+"""Of arrays that were given back some memory stays with the process."""
 BARE = 150 * 2**20
 """What the program itself takes, where the system does not say."""
 
@@ -81,7 +84,7 @@ def needed(settings: Settings, dtype: np.dtype[Any], channels: int) -> float:
         held + _matching(settings, kept, wide),
         after + _after(settings, kept, wide),
     ]
-    return max(stages)
+    return SCATTERED * max(stages)
 
 
 def _matching(settings: Settings, channels: int, wide: int) -> float:
@@ -101,8 +104,8 @@ def _matching(settings: Settings, channels: int, wide: int) -> float:
     if composed:
         return _volumes(settings, span, channels, wide)
     if settings.upsample is not None:
-        # The images and their result with so many more columns, and what interpolates them.
-        return settings.upsample[0] * (2 * channels * wide + OUT) + 24 * channels + OUT
+        factor = settings.upsample[0]
+        return max(factor * (2 * channels * wide + OUT) + OUT, 2 * factor * channels * wide + 26 * channels)
     extra = 8 * channels if wide == 1 and type(settings.cost).__name__ == "ZSAD" else 0
     return OUT + extra
 
@@ -116,50 +119,55 @@ def _paths(settings: Settings, span: int) -> float:
 
 
 def _merged(settings: Settings, channels: int, wide: int) -> float:
-    return 62 + 2 * channels * wide + (45 if settings.left_right is not None else 0)
+    return 68 + 2 * channels * wide + (48 if settings.left_right is not None else 0)
 
 
 def _volumes(settings: Settings, span: int, channels: int, wide: int) -> float:
-    """Of the composed stages: their volumes."""
-    number = type(settings.cost).__name__.lower()
-    if isinstance(settings.cost, pixelwise.Pixelwise):
+    """Of the composed stages: their volumes, and what is told of the winners."""
+    kind = type(settings.cost).__name__.lower()
+    if isinstance(settings.optimize, optimize.SecondPass):
+        kind = settings.optimize.data or kind
+    fused = settings.optimize is not None and wide == 1 and kind in ("zssd", "ncc", "zncc")
+    told = 62.0 if settings.optimize is not None else 92.0
+    if isinstance(settings.cost, pixelwise.Pixelwise) and kind not in KINDS:
         entry = 4.0 if isinstance(settings.cost, pixelwise.Combined) else 2.0
-    elif settings.cost.support is not None or number == "zsad":
+    elif settings.cost.support is not None or kind == "zsad" or fused:
         entry = 4.0
     else:
-        # Terms, their sums, and the costs of them; the terms go before the costs come.
-        entry = 16.0
-    if isinstance(settings.optimize, sgm.SGM):
+        # Terms and their sums, and the costs of these.
+        entry = 24.0 if kind in ("sad", "ssd") else 20.0
+    # Sums along paths, of costs in units; a second pass works in place where it can.
+    if isinstance(settings.optimize, sgm.SGM) or (settings.optimize is not None and entry != 4.0):
         entry += 4.0
-    if isinstance(settings.optimize, optimize.SecondPass):
-        entry += 4.0
-    return entry * span + 60 + (8 * channels if wide == 1 else 0)
+    return entry * span + told + (8 * channels if wide == 1 else 0)
 
 
 def _after(settings: Settings, channels: int, wide: int) -> float:
     """Beside the images and the result, at the most demanding of the stages after matching."""
     narrow = 4 * channels if wide == 1 else 0
-    rows = 27.0
+    rows = 25.0
     stages = [1.0]
     if settings.texture is not None:
         stages.append(4 + narrow)
     match settings.subpixel:
         case "symmetric":
-            stages.append(60.0 * channels)
-        case "correlation" | "lucas-kanade" | "lucas-kanade-affine":
-            stages.append(2 * narrow + 16)
+            stages.append(48.0 * channels)
+        case "correlation" | "lucas-kanade":
+            stages.append(2 * narrow + 8)
+        case "lucas-kanade-affine":
+            stages.append(2 * narrow + 38)
     if settings.median is not None:
         stages.append(5)
     if settings.speckle is not None:
         stages.append(8)
     if settings.fill is not None or settings.planar is not None:
-        stages.append({"surfaces": 60.0, "interpolate": 12.0}.get(settings.fill or "", rows))
+        stages.append({"surfaces": 60.0, "interpolate": 8.0}.get(settings.fill or "", rows))
     if settings.planar is not None:
         stages.append(rows + 12)
     if settings.weighted_median is not None:
-        stages.append(6)
+        stages.append(12)
     if settings.edge_aware is not None:
-        stages.append(40 + narrow)
+        stages.append(30 + narrow)
     if settings.confidence is not None:
         stages.append(rows + 8)
     return max(stages)

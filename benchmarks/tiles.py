@@ -1,6 +1,6 @@
 """What tiles cost: disagreement with the whole image, memory against what was allowed, a large image.
 
-python benchmarks/tiles.py disagreement FOLDER... [--preset balanced] [--side 256] [--overlaps 32,64,128]
+python benchmarks/tiles.py disagreement FOLDER... [--preset balanced] [--side 256] [--overlaps 64,96]
 python benchmarks/tiles.py memory [--side 6000] [--budgets 256MiB,512MiB,1GiB]
 python benchmarks/tiles.py large OUT [--side 30000] [--memory 4GiB]
 
@@ -52,7 +52,8 @@ def main() -> None:
     part.add_argument("--preset", action="append")
     part.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     part.add_argument("--side", type=int, default=256)
-    part.add_argument("--overlaps", default="32,64,128")
+    part.add_argument("--overlaps", default=str(sgm.OVERLAP))
+    part.add_argument("--shrunken", type=int, default=1, help="find planes in images so many times smaller")
     part.set_defaults(run=disagreement)
     part = parts.add_parser("memory")
     part.add_argument("--side", type=int, default=6000)
@@ -87,6 +88,7 @@ def disagreement(options: argparse.Namespace) -> None:
                 settings = Settings.make(preset, assignments=options.set)
                 if settings.disparities is None:
                     settings = settings.changed(disparities=st.estimate_disparities(pair.left, pair.right))
+                survey.PLANES = pair.left.shape[0] * pair.left.shape[1] // options.shrunken**2
                 known = survey.survey(Array(pair.left), Array(pair.right), settings)
                 whole = st.match(pair, settings=known.settings).disparity
                 for overlap in found:
@@ -97,7 +99,7 @@ def disagreement(options: argparse.Namespace) -> None:
             for overlap, pairs in found.items():
                 (far, lone), (most, most_lone) = np.mean(pairs, axis=0), np.max(pairs, axis=0)
                 print(
-                    f"| {preset} | {folder.name} | {overlap} | {len(pairs)} | {far:.3%} | {most:.3%} | "
+                    f"| {' '.join([preset, *options.set])} | {folder.name} | {overlap} | {len(pairs)} | {far:.3%} | {most:.3%} | "
                     f"{lone:.3%} | {most_lone:.3%} |",
                     flush=True,
                 )

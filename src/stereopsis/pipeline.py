@@ -25,6 +25,7 @@ from stereopsis import (
     optimize,
     pixelwise,
     planes,
+    pyramid,
     rectify,
     refine,
     select,
@@ -33,7 +34,6 @@ from stereopsis import (
     sky,
     slant,
     smooth,
-    tiles,
     upsample,
     validate,
     weigh,
@@ -550,7 +550,7 @@ def _match_tiles(
     """Each tile over the range that a map of small images has there; no filter yet."""
     shape, levels = pixels.left.shape[:2], cast(int, chosen.pyramid)
     with _timed(timings, "coarse"):
-        plan = tiles.plan(_coarse(pixels, seen, levels, chosen.threads), 2**levels, shape, seen)
+        plan = pyramid.plan(_coarse(pixels, seen, levels, chosen.threads), 2**levels, shape, seen)
     windows = [chosen.cost.size, *chosen.extra_windows]
     windows += [slant.FIRST_WINDOW] if chosen.slant else []
     beyond = SMOOTHED if chosen.optimize is not None else 2
@@ -566,7 +566,7 @@ def _match_tiles(
     )
     disparity, confidence, flags = _nothing_in_view(shape)
     for tile in plan:
-        part = tiles.cut(tile, shape, halo)
+        part = pyramid.cut(tile, shape, halo)
         images = pixels.left[part.rows, part.left], pixels.right[part.rows, part.right]
         low, high = tile.disparities
         own = plain.changed(disparities=(low - part.shift, high - part.shift))

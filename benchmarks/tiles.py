@@ -98,8 +98,9 @@ def disagreement(options: argparse.Namespace) -> None:
                 sgm.OVERLAP, sgm.halo.__defaults__ = usual, (usual,)
             for overlap, pairs in found.items():
                 (far, lone), (most, most_lone) = np.mean(pairs, axis=0), np.max(pairs, axis=0)
+                name = " ".join([preset, *options.set])
                 print(
-                    f"| {' '.join([preset, *options.set])} | {folder.name} | {overlap} | {len(pairs)} | {far:.3%} | {most:.3%} | "
+                    f"| {name} | {folder.name} | {overlap} | {len(pairs)} | {far:.3%} | {most:.3%} | "
                     f"{lone:.3%} | {most_lone:.3%} |",
                     flush=True,
                 )

@@ -1,9 +1,12 @@
 """Images larger than memory: files in parts, `match --memory`, and what it takes."""
 
 import json
+import os
 import pickle
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -386,6 +389,32 @@ def test_the_process_keeps_to_its_memory(tmp_path):
     assert found["measured"] == []
     whole = st.match(left, np.roll(left, -5, axis=1), preset="fast", disparities=(0, 16)).disparity
     assert np.array_equal(st.read_disparity(tmp_path / "out.tif"), whole, equal_nan=True)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs signals")
+def test_control_c_ends_the_command_and_leaves_nothing(tmp_path):
+    left = texture(2000, 2000)
+    for name in ("left.npy", "right.npy"):
+        np.save(tmp_path / name, left)
+    package = str(Path(st.__file__).parents[1])
+    begun = subprocess.Popen(
+        [
+            sys.executable, "-c", COMMAND, package, "match", tmp_path / "left.npy", tmp_path / "right.npy",
+            "-o", tmp_path / "out.tif", "--memory", "1GiB", "--disparities", "0:1500", "--threads", "1",
+        ],
+        stderr=subprocess.PIPE,
+    )  # fmt: skip
+    end = time.monotonic() + 60
+    while not list(tmp_path.glob(".*.tmp")):
+        assert begun.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    time.sleep(0.3)
+    begun.send_signal(signal.SIGINT)
+    _, err = begun.communicate(timeout=60)
+    assert begun.returncode == 130
+    assert b"interrupted" in err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["left.npy", "right.npy"]
 
 
 # ---- the command -----------------------------------------------------------------------------------

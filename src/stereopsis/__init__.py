@@ -1,6 +1,6 @@
 """Disparity maps that can be trusted, from rectified stereo pairs."""
 
-from stereopsis import datasets, io, scenes
+from stereopsis import datasets, io, scenes, tiling
 from stereopsis.evaluate import Scores, error_map, evaluate
 from stereopsis.io import (
     depth,
@@ -91,6 +91,7 @@ __all__ = [
     "reliability",
     "scenes",
     "sparsification",
+    "tiling",
     "write_disparity",
     "write_image",
     "write_ply",

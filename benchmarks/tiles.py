@@ -53,7 +53,6 @@ def main() -> None:
     part.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     part.add_argument("--side", type=int, default=256)
     part.add_argument("--overlaps", default=str(sgm.OVERLAP))
-    part.add_argument("--shrunken", type=int, default=1, help="find planes in images so many times smaller")
     part.set_defaults(run=disagreement)
     part = parts.add_parser("memory")
     part.add_argument("--side", type=int, default=6000)
@@ -88,7 +87,6 @@ def disagreement(options: argparse.Namespace) -> None:
                 settings = Settings.make(preset, assignments=options.set)
                 if settings.disparities is None:
                     settings = settings.changed(disparities=st.estimate_disparities(pair.left, pair.right))
-                survey.PLANES = pair.left.shape[0] * pair.left.shape[1] // options.shrunken**2
                 known = survey.survey(Array(pair.left), Array(pair.right), settings)
                 whole = st.match(pair, settings=known.settings).disparity
                 for overlap in found:
@@ -112,7 +110,9 @@ def in_tiles(pair: st.Pair, known: survey.Known, side: int) -> np.ndarray:
     disparity = np.empty(left.shape[:2], np.float32)
     mosaic = Mosaic(known, Canvas(disparity))
     width = left.shape[1] if reach.reaches_across(halo) else side
-    for tile in tiles(left.shape[:2], (side, width), halo, reach.alignment(known.settings)):
+    laid = tiles(left.shape[:2], (side, width), halo, reach.alignment(known.settings))
+    known = survey.with_planes(left, right, known, laid)
+    for tile in laid:
         mosaic.add(match_tile(left, right, known, tile))
     mosaic.finish()
     return disparity

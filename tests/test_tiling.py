@@ -1,5 +1,7 @@
 """Tiles: of local methods the same bits as the whole image, however it is cut."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -250,24 +252,23 @@ def test_the_range_and_the_noise_are_the_whole_image_s(shape, channels, band, se
     assert known.settings.texture == pipeline.validate.texture_of_noise(deviation, (5, 5))
 
 
-def test_planes_of_a_small_image_are_the_whole_image_s():
+@pytest.mark.parametrize("preset", ["balanced", "local"])
+def test_planes_are_found_in_tiles(preset):
     scene = st.scenes.street(600, 260, seed=5, gray=True)
-    chosen = PRESETS["balanced"].changed(disparities=(0, 64), vertical=None)
-    whole = st.match(scene.left, scene.right, settings=chosen, keep=("planes",))
-    known = survey.survey(Array(scene.left), Array(scene.right), chosen)
-    assert len(known.frame.planes) == 1
-    assert known.frame.planes[0] == pytest.approx(whole.stages["planes"][0])
-
-
-def test_planes_of_a_shrunken_image_lie_near(monkeypatch):
-    scene = st.scenes.street(600, 260, seed=5, gray=True)
-    chosen = PRESETS["balanced"].changed(disparities=(0, 64), vertical=None)
-    (wanted,) = survey.survey(Array(scene.left), Array(scene.right), chosen).frame.planes
-    monkeypatch.setattr(survey, "PLANES", 600 * 260 // 4)
-    (found,) = survey.survey(Array(scene.left), Array(scene.right), chosen, band=600 * 7).frame.planes
-    x, y = np.meshgrid([0, 300, 599], [150, 200, 259])
-    ours, theirs = (a * x + b * y + c for a, b, c in (found, wanted))
-    assert np.abs(ours - theirs).max() < 1.5
+    chosen = PRESETS[preset].changed(disparities=(0, 64), vertical=None, speckle=None)
+    whole = st.match(scene.left, scene.right, settings=chosen, keep=("planes",)).stages["planes"]
+    left, right = Array(scene.left), Array(scene.right)
+    known = survey.survey(left, right, chosen)
+    assert known.frame.planes is None
+    side = (130, 600) if preset == "local" else (130, 200)
+    laid = tiles((260, 600), side, reach.halo(chosen), reach.alignment(chosen))
+    assert len(laid) > 1
+    found = survey.with_planes(left, right, known, laid).frame.planes
+    assert len(found) == len(whole) >= 1
+    tolerance = 1e-9 if preset == "local" else 1e-3
+    assert np.allclose(found, whole, rtol=0, atol=[tolerance / 100, tolerance / 100, tolerance])
+    plain = dataclasses.replace(known, settings=chosen.changed(slant=None))
+    assert survey.with_planes(left, right, plain, laid) is plain
 
 
 def test_limits_and_brightness_of_the_whole_are_told():

@@ -21,7 +21,7 @@ from stereopsis.tiling.grid import Tile
 from stereopsis.tiling.mosaic import Mosaic
 from stereopsis.tiling.parts import Known, Piece, match_tile
 from stereopsis.tiling.plan import Plan, plan
-from stereopsis.tiling.survey import BAND, survey
+from stereopsis.tiling.survey import BAND, survey, with_planes
 from stereopsis.types import Flag
 
 Progress = Callable[[int, int, str], None]
@@ -271,8 +271,9 @@ def _prepare(
         return max(int(tile.part.size * per_pixel), cut) + max(source.passing for source in sources)
 
     laid = plan(known.frame.shape, known.settings, room, needs)
-    if len(laid.tiles) == 1:
-        known = dataclasses.replace(known, frame=dataclasses.replace(known.frame, planes=None))
+    if len(laid.tiles) > 1:
+        count = len(laid.tiles)
+        known = with_planes(*sources, known, laid.tiles, lambda finished: told(finished, count, "planes"))
     return sources, Job(os.fspath(left), os.fspath(right), known, laid)
 
 

@@ -117,7 +117,8 @@ def _window(settings: Settings) -> Halo:
     else:
         found = cost.halo(chosen.size)
     if settings.slant is not None or settings.extra_windows:
-        for window in (chosen.size, *settings.extra_windows):
+        first = (slant.FIRST_WINDOW,) if settings.slant is not None and settings.optimize is None else ()
+        for window in (chosen.size, *settings.extra_windows, *first):
             found = found.beside(slant.halo(window))
     return found
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import cost, noise, pipeline, pixelwise, rectify, sgm, validate
-from stereopsis.settings import Settings
+from stereopsis import cost, noise, pipeline, pixelwise, rectify, sgm, slant, validate
+from stereopsis.settings import Settings, WindowCost
 from stereopsis.tiling import reach
-from stereopsis.tiling.grid import tile
-from stereopsis.tiling.parts import Known, Source
+from stereopsis.tiling.grid import Tile, tile
+from stereopsis.tiling.parts import Known, Source, match_tile
 from stereopsis.types import Disparities, Frame, Halo, Pair, Rectangle, Vertical
 
 BAND = 2**25
@@ -23,8 +23,6 @@ SMALL = 2**23
 """Levels of the pyramid with at most so many pixels are held whole."""
 SAMPLE = 2**22
 """Pixels from which the ends of an image's range are taken, at most."""
-PLANES = 2**20
-"""Planes are fitted to a map of images shrunken to at most so many pixels."""
 FOLLOWED = 20
 """How far about a point it may be followed at one level, its window included."""
 
@@ -84,9 +82,6 @@ def survey(
         vertical = cast(Vertical, chosen.vertical) if moves else None
         ends = _limits(whole, vertical, frame)
         frame = dataclasses.replace(frame, levels=(min(ends[::2]), max(ends[1::2])))
-    if chosen.slant is not None:
-        told("planes")
-        frame = dataclasses.replace(frame, planes=_planes(whole, chosen))
     return Known(chosen, frame, whole.largest)
 
 
@@ -187,40 +182,67 @@ def _limits(whole: _Pair, vertical: Vertical | None, frame: Frame) -> tuple[int,
     return int(least[0]), int(most[1]), int(least[2]), int(most[3])
 
 
-def _planes(whole: _Pair, chosen: Settings) -> tuple[tuple[float, float, float], ...]:
-    """The planes that the images have, shrunken until they are small; all of it where they are."""
-    height, width = whole.shape
-    factor = max(1, math.ceil(math.sqrt(height * width / PLANES)))
-    low, high = cast(Disparities, chosen.disparities)
-    vertical = chosen.vertical
-    if isinstance(vertical, Vertical):
-        vertical = Vertical(*(part / factor for part in vertical))
-    off = dict.fromkeys(("texture", "median", "speckle", "planar", "fill", "weighted_median", "edge_aware"))
-    probe = chosen.changed(
-        disparities=(low // factor, -(-(high - 1) // factor) + 1),
-        vertical=vertical,
-        keep=("planes",),
-        confidence=None,
-        least_confidence=None,
-        **off,
-    )
-    if factor == 1:
-        everything = Rectangle(0, height, 0, width)
-        small = Pair(whole.left.read(everything), whole.right.read(everything))
+def with_planes(
+    left: Source,
+    right: Source,
+    known: Known,
+    tiles: Sequence[Tile],
+    progress: Callable[[int], None] | None = None,
+) -> Known:
+    """The planes along which windows are matched, from a first map of the whole pair, made in tiles.
+
+    Parameters
+    ----------
+    left, right : Source
+    known : Known
+    tiles : sequence of Tile
+        They cover the image, with the halo of the settings.
+    progress : callable, optional
+        Told how many tiles are finished.
+
+    Returns
+    -------
+    Known
+        The same without `slant`.
+    """
+    chosen = known.settings
+    if chosen.slant is None:
+        return known
+    first = dataclasses.replace(known, settings=_level(chosen))
+    step = slant.thinning(math.prod(known.frame.shape))
+    rows, columns = (-(-side // step) for side in known.frame.shape)
+    thinned = np.full((rows, columns), np.nan, np.float32)
+    for number, one in enumerate(tiles):
+        core = one.core
+        found = match_tile(left, right, first, one).disparity[
+            -core.top % step :: step, -core.left % step :: step
+        ]
+        top, left_ = -(-core.top // step), -(-core.left // step)
+        thinned[top : top + found.shape[0], left_ : left_ + found.shape[1]] = found
+        if progress is not None:
+            progress(number + 1)
+    if chosen.slant == "planes":
+        planes = slant.planes(thinned, chosen.cost.size, step=step)
     else:
-        small = _bytes_of(_shrunk(whole, factor), whole.left.dtype)
-    found = pipeline.match(small, settings=probe).stages["planes"]
-    centre = (factor - 1) / 2
-    return tuple(
-        (float(a), float(b), float(factor * c - (a + b) * centre)) for a, b, c in found.reshape(-1, 3)
+        ground = slant.road(thinned, chosen.cost.size, step)
+        planes = [] if ground is None else [ground]
+    told = tuple((plane.a, plane.b, plane.c) for plane in planes)
+    return dataclasses.replace(known, frame=dataclasses.replace(known.frame, planes=told))
+
+
+def _level(chosen: Settings) -> Settings:
+    """Of the map that `pipeline` fits planes to: nothing but fronto-parallel winners that pass its checks."""
+    off = dict.fromkeys(("texture", "median", "speckle", "planar", "fill", "weighted_median", "edge_aware"))
+    subpixel = chosen.subpixel
+    if subpixel not in (None, "parabola", "equiangular"):
+        subpixel = "parabola" if subpixel.startswith("lucas-kanade") else None
+    level = chosen.changed(
+        slant=None, extra_windows=(), subpixel=subpixel, confidence=None, least_confidence=None, **off
     )
-
-
-def _bytes_of(pair: Pair, dtype: np.dtype[Any]) -> Pair:
-    """Means of whole numbers, rounded to these."""
-    if dtype == np.float32:
-        return pair
-    return Pair(np.rint(pair.left).astype(dtype), np.rint(pair.right).astype(dtype))
+    if isinstance(chosen.optimize, sgm.SGM):
+        return level
+    cost = dataclasses.replace(cast(WindowCost, level.cost), window=slant.FIRST_WINDOW)
+    return level.changed(cost=cost, left_right=1.0, uniqueness=5.0)
 
 
 # ---- rows that the right image lies too low ------------------------------------------

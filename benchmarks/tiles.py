@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,7 @@ def main() -> None:
     part.add_argument("--preset", action="append")
     part.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     part.add_argument("--side", type=int, default=256)
+    part.add_argument("--same-planes", action="store_true", help="tell the tiles the whole image's planes")
     part.add_argument("--overlaps", default=str(sgm.OVERLAP))
     part.set_defaults(run=disagreement)
     part = parts.add_parser("memory")
@@ -88,7 +90,12 @@ def disagreement(options: argparse.Namespace) -> None:
                 if settings.disparities is None:
                     settings = settings.changed(disparities=st.estimate_disparities(pair.left, pair.right))
                 known = survey.survey(Array(pair.left), Array(pair.right), settings)
-                whole = st.match(pair, settings=known.settings).disparity
+                keep = () if settings.slant is None else ("planes",)
+                result = st.match(pair, settings=known.settings.changed(keep=keep))
+                whole = result.disparity
+                if keep and options.same_planes:
+                    told = tuple(tuple(plane) for plane in result.stages["planes"].tolist())
+                    known = replace(known, frame=replace(known.frame, planes=told))
                 for overlap in found:
                     sgm.OVERLAP = overlap
                     sgm.halo.__defaults__ = (overlap,)
@@ -111,7 +118,8 @@ def in_tiles(pair: st.Pair, known: survey.Known, side: int) -> np.ndarray:
     mosaic = Mosaic(known, Canvas(disparity))
     width = left.shape[1] if reach.reaches_across(halo) else side
     laid = tiles(left.shape[:2], (side, width), halo, reach.alignment(known.settings))
-    known = survey.with_planes(left, right, known, laid)
+    if known.frame.planes is None:
+        known = survey.with_planes(left, right, known, laid)
     for tile in laid:
         mosaic.add(match_tile(left, right, known, tile))
     mosaic.finish()

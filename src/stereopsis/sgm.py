@@ -158,7 +158,7 @@ class SGM:
         return _units(self.p1, unit)
 
 
-OVERLAP = 96
+OVERLAP = 128
 """How far from a part's edges its paths have forgotten them, in pixels: benchmarks/tiles.py measures it."""
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from stereopsis.settings import Settings
 from stereopsis.tiling import reach
 from stereopsis.tiling.grid import Tile, tiles
-from stereopsis.types import WHOLE, Halo
+from stereopsis.types import WHOLE, Halo, Rectangle
 
 MULTIPLE = 256
 """Sides of tiles are multiples of those of a written TIFF, where there is room for it."""
@@ -55,18 +55,21 @@ def plan(shape: tuple[int, int], settings: Settings, room: int, needs: Callable[
         Where the smallest tile needs more; it says how much.
     """
     halo, aligned = reach.halo(settings), reach.alignment(settings)
-    best: tuple[int, Plan] | None = None
+    best: tuple[int, tuple[int, int], int] | None = None
     least = WHOLE**3
-    for width in _sides(shape[1]) if not reach.reaches_across(halo) else [shape[1]]:
-        for height in _sides(shape[0]):
-            found = tuple(tiles(shape, (height, width), halo, aligned))
-            most = max(needs(tile) for tile in found)
+    columns = [shape[1]] if reach.reaches_across(halo) else _sides(shape[1])
+    across = {width: _parts(shape[1], width, halo.left, halo.right, aligned) for width in columns}
+    down = {height: _parts(shape[0], height, halo.up, halo.down, aligned) for height in _sides(shape[0])}
+    for width, widths in across.items():
+        for height, heights in down.items():
+            core = Rectangle(0, height, 0, width)
+            most = needs(Tile(core, Rectangle(0, max(heights), 0, max(widths))))
             least = min(least, most)
             if most > room:
                 continue
-            work = sum(tile.part.size for tile in found)
+            work = sum(heights) * sum(widths)
             if best is None or work < best[0]:
-                best = work, Plan(found, (height, width), halo, most)
+                best = work, (height, width), most
             break  # lower tiles of this width only have more halo
     if best is None:
         raise ValueError(
@@ -74,7 +77,16 @@ def plan(shape: tuple[int, int], settings: Settings, room: int, needs: Callable[
             f"{min(halo.up + halo.down, shape[0])} rows and {min(halo.left + halo.right, shape[1])} columns, "
             f"not {max(room, 0) / 2**20:.0f} MiB"
         )
-    return best[1]
+    _, side, most = best
+    return Plan(tuple(tiles(shape, side, halo, aligned)), side, halo, most)
+
+
+def _parts(length: int, side: int, before: int, behind: int, aligned: int) -> list[int]:
+    """How long the parts are along one axis; see `grid.tile`."""
+    return [
+        min(length, min(length, first + side) + behind) - max(0, first - before) // aligned * aligned
+        for first in range(0, length, side)
+    ]
 
 
 def _sides(side: int) -> list[int]:

@@ -131,8 +131,18 @@ def _show_version(ctx: click.Context, param: click.Parameter, value: bool) -> No
 
 
 _INPUT = click.Path(exists=True, dir_okay=False, path_type=Path)
-_IMAGE = click.Path(exists=True, path_type=Path)  # of Zarr, a folder
 _OUTPUT = click.Path(path_type=Path)
+
+
+class _Image(click.Path):
+    """A file, or the folder of a Zarr array."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        self.dir_okay = str(value).rstrip("/").lower().endswith(".zarr")
+        return super().convert(value, param, ctx)
+
+
+_IMAGE = _Image(exists=True, path_type=Path)
 _json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 import stereopsis as st
-from stereopsis import Flag, Settings, pipeline, tiles
-from stereopsis.tiles import Tile
+from stereopsis import Flag, Settings, pipeline, pyramid
+from stereopsis.pyramid import Tile
 from stereopsis.types import Disparities
 
 N = np.nan
@@ -25,27 +25,27 @@ def bits(result):
 
 
 def test_a_plan_by_hand(monkeypatch):
-    monkeypatch.setattr(tiles, "SIDE", 16)
+    monkeypatch.setattr(pyramid, "SIDE", 16)
     # Pixels of the map are 4 x 4 of the image's, which so has four tiles in a row.
     first = np.full((4, 16), 5, np.float32)
     first[:, 12:] = [[9, N, N, N]] * 4
-    found = tiles.plan(first, 4, (16, 64), Disparities(0, 100))
+    found = pyramid.plan(first, 4, (16, 64), Disparities(0, 100))
     assert [tile[:4] for tile in found] == [(0, 16, 16 * k, 16 * k + 16) for k in range(4)]
     # 5 with a margin of 2 on either side, times 4; from the third tile on, 9 is near.
     assert [tile.disparities for tile in found] == [(12, 29), (12, 29), (12, 45), (12, 45)]
-    assert tiles.plan(first, 4, (16, 64), Disparities(20, 28))[0].disparities == (20, 28)
+    assert pyramid.plan(first, 4, (16, 64), Disparities(20, 28))[0].disparities == (20, 28)
     # A range that the map has nothing of is searched whole.
-    assert tiles.plan(first, 4, (16, 64), Disparities(60, 70))[0].disparities == (60, 70)
-    nothing = tiles.plan(first * N, 4, (16, 64), Disparities(-5, 70))
+    assert pyramid.plan(first, 4, (16, 64), Disparities(60, 70))[0].disparities == (60, 70)
+    nothing = pyramid.plan(first * N, 4, (16, 64), Disparities(-5, 70))
     assert {tile.disparities for tile in nothing} == {(-5, 70)}
 
 
 def test_a_tile_that_the_map_hardly_knows_looks_around(monkeypatch):
-    monkeypatch.setattr(tiles, "SIDE", 16)
+    monkeypatch.setattr(pyramid, "SIDE", 16)
     first = np.full((4, 16), 5, np.float32)
     first[:, 4:8] = N
     first[:, 0] = 30
-    found = tiles.plan(first, 4, (16, 64), Disparities(0, 200))
+    found = pyramid.plan(first, 4, (16, 64), Disparities(0, 200))
     assert found[1].disparities == (12, 129)
     assert found[2].disparities == (12, 29)
 
@@ -54,7 +54,7 @@ def test_a_tile_that_the_map_hardly_knows_looks_around(monkeypatch):
 def test_tiles_cover_every_pixel_once(shape, levels):
     first = np.full(tuple(max(1, side >> levels) for side in shape), 3, np.float32)
     seen = np.zeros(shape, int)
-    for tile in tiles.plan(first, 2**levels, shape, Disparities(-9, 99)):
+    for tile in pyramid.plan(first, 2**levels, shape, Disparities(-9, 99)):
         seen[tile.top : tile.bottom, tile.left : tile.right] += 1
         assert -9 <= tile.disparities.min < tile.disparities.max <= 99
     assert (seen == 1).all()
@@ -78,7 +78,7 @@ def test_a_cut_is_matched_as_the_whole(shape, corner, low, span, window, kind, l
     left, right = noise(shape, seed, top=9), noise(shape, seed + 1, top=9)
     top, first = int(corner[0] * (shape[0] - 1)), int(corner[1] * (shape[1] - 1))
     tile = Tile(top, min(shape[0], top + 7), first, min(shape[1], first + 11), Disparities(low, low + span))
-    cut = tiles.cut(tile, shape, (window[0] // 2, window[1] // 2))
+    cut = pyramid.cut(tile, shape, (window[0] // 2, window[1] // 2))
     settings = Settings(cost=kind(window), subpixel=None, left_right=left_right, uniqueness=5)
     whole = st.match(left, right, settings=settings, disparities=tile.disparities)
     images = left[cut.rows, cut.left], right[cut.rows, cut.right]
@@ -106,8 +106,8 @@ def test_a_cut_is_matched_as_the_whole(shape, corner, low, span, window, kind, l
 )
 def test_with_the_whole_range_everywhere_nothing_changes(dtype, changes, monkeypatch):
     scene = st.scenes.plane(150, 70, disparity=9.4, dtype=dtype, gray=True)
-    monkeypatch.setattr(tiles, "SIDE", 40)
-    monkeypatch.setattr(pipeline.tiles, "_range", lambda seen, factor, disparities: disparities)
+    monkeypatch.setattr(pyramid, "SIDE", 40)
+    monkeypatch.setattr(pipeline.pyramid, "_range", lambda seen, factor, disparities: disparities)
     plain = st.match(scene.left, scene.right, disparities=(0, 24), **changes)
     tiled = st.match(scene.left, scene.right, disparities=(0, 24), pyramid=1, **changes)
     assert bits(tiled) == bits(plain)
@@ -121,7 +121,7 @@ def test_with_the_whole_range_everywhere_nothing_changes(dtype, changes, monkeyp
 @pytest.mark.parametrize("levels", [1, 2, 3])
 @pytest.mark.parametrize("start", [40.3, -60.7])
 def test_a_wall(levels, start, monkeypatch):
-    monkeypatch.setattr(tiles, "SIDE", 64)
+    monkeypatch.setattr(pyramid, "SIDE", 64)
     scene = st.scenes.plane(400, 160, disparity=start, slant_y=0.1, gray=True)
     result = st.match(scene.left, scene.right, disparities=(-128, 128), cost=st.ZNCC(9), pyramid=levels)
     errors = np.abs(result.disparity - scene.disparity)[~scene.occluded]
@@ -131,7 +131,7 @@ def test_a_wall(levels, start, monkeypatch):
 
 def test_a_winner_at_an_end_is_refused(monkeypatch):
     scene = st.scenes.plane(200, 60, disparity=20.0, gray=True)
-    monkeypatch.setattr(pipeline.tiles, "_range", lambda *_: Disparities(8, 21))
+    monkeypatch.setattr(pipeline.pyramid, "_range", lambda *_: Disparities(8, 21))
     result = st.match(scene.left, scene.right, disparities=(0, 40), cost=st.ZNCC(9), subpixel=None, pyramid=2)
     # 20 is the last that the tile tries, though not the last that was asked for.
     there = ~scene.occluded
@@ -154,7 +154,7 @@ def test_every_invalid_pixel_says_why():
 
 
 def test_threads(monkeypatch):
-    monkeypatch.setattr(tiles, "SIDE", 50)
+    monkeypatch.setattr(pyramid, "SIDE", 50)
     scene = st.scenes.street(200, 120, seed=4)
     same = [
         st.match(scene.left, scene.right, disparities=(0, 40), preset="fast", pyramid=1, threads=n)

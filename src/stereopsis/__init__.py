@@ -1,6 +1,6 @@
 """Disparity maps that can be trusted, from rectified stereo pairs."""
 
-from stereopsis import colormaps, datasets, io, plot, scenes
+from stereopsis import colormaps, datasets, io, plot, scenes, tiling
 from stereopsis.evaluate import Scores, error_map, evaluate
 from stereopsis.io import (
     depth,
@@ -93,6 +93,7 @@ __all__ = [
     "reliability",
     "scenes",
     "sparsification",
+    "tiling",
     "write_disparity",
     "write_image",
     "write_ply",

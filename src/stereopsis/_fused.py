@@ -153,7 +153,7 @@ def serves_gaussian(kind: str, pair: Pixels) -> bool:
 
 def guide_of(pair: Pixels) -> npt.NDArray[np.uint8]:
     """The left image in 256 grey levels, (H, W)."""
-    left, _ = pixelwise.levels(pair.left, pair.right)
+    left, _ = pixelwise.levels(pair.left, pair.right, pair.limits)
     return np.ascontiguousarray((grey(left) if left.shape[2] == 3 else left)[..., 0])
 
 

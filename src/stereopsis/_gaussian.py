@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
+from stereopsis.types import Halo
 
 _F64 = npt.NDArray[np.float64]
 
@@ -29,6 +30,12 @@ class Filter(NamedTuple):
 
     stride: int
     taps: _F64
+
+
+def halo(sigma: float, truncate: float) -> Halo:
+    """What a window's sums depend on, of images that begin at a knot: taps, and a spline on either side."""
+    chosen = filter_of(sigma, truncate)
+    return Halo.around((len(chosen.taps) + 3) * chosen.stride)
 
 
 def gaussian(sigma: float, truncate: float) -> _F64:

@@ -142,6 +142,17 @@ def _show_version(ctx: click.Context, param: click.Parameter, value: bool) -> No
 
 _INPUT = click.Path(exists=True, dir_okay=False, path_type=Path)
 _OUTPUT = click.Path(path_type=Path)
+
+
+class _Image(click.Path):
+    """A file, or the folder of a Zarr array."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        self.dir_okay = str(value).rstrip("/").lower().endswith(".zarr")
+        return super().convert(value, param, ctx)
+
+
+_IMAGE = _Image(exists=True, path_type=Path)
 _json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 
 
@@ -209,9 +220,12 @@ def commands(ctx: click.Context) -> None:
 
 
 @commands.command()
-@click.argument("left", type=_INPUT)
-@click.argument("right", type=_INPUT)
+@click.argument("left", type=_IMAGE)
+@click.argument("right", type=_IMAGE)
 @click.option("-o", "--output", "outputs", type=_OUTPUT, multiple=True, help="Write this file; repeatable.")
+@click.option(
+    "--memory", metavar="SIZE", help="Take no more memory than this, such as 2GiB; in tiles if need be."
+)
 @_choices
 @click.option("--calibration", type=_INPUT, help="The pair's calibration; .ply needs it.")
 @click.option("--truth", type=_INPUT, help="Score the result against this disparity map.")
@@ -221,6 +235,7 @@ def match(
     left: Path,
     right: Path,
     outputs: tuple[Path, ...],
+    memory: str | None,
     settings: Settings,
     calibration: Path | None,
     truth: Path | None,
@@ -233,14 +248,22 @@ def match(
       stereopsis match left.png right.png -o out.png -o out.pfm -o preview.png
       stereopsis match left.png right.png --disparities 0:128 --set cost=zncc --set window=31
       stereopsis match left.png right.png --preset fast --calibration calib.txt -o points.ply
+      stereopsis match big_left.tif big_right.tif -o big.tif --memory 2GiB
 
     What an output holds follows its name: .png 16-bit disparities as KITTI has them; .pfm, .npy, .tif
     disparities as they are; *preview.png and .jpg a picture; .ply a point cloud in metres.
+
+    With --memory, images of any size are read, matched and written in tiles: from TIFF, NPY and Zarr into
+    .tif, .npy, .pfm and .zarr.
     """
     import stereopsis as st
 
+    if show and memory is not None:
+        raise click.UsageError("--show needs the whole pair in memory: it goes without --memory")
     if show:
         _require_view()
+    if memory is not None and _in_tiles(left, right, outputs, settings, memory, truth, as_json):
+        return
     camera = st.read_calibration(calibration) if calibration else None
     _check_outputs(outputs, camera, inputs=(left, right, calibration, truth))
     pair = st.read_pair(left, right, camera)
@@ -732,6 +755,63 @@ def _progress(unit: str) -> Iterator[Callable[[int, int, str], None] | None]:
         yield lambda finished, total, what: bar.update(
             task, completed=finished, total=total, description=what
         )
+
+
+def _in_tiles(
+    left: Path,
+    right: Path,
+    outputs: tuple[Path, ...],
+    settings: Settings,
+    memory: str,
+    truth: Path | None,
+    as_json: bool,
+) -> bool:
+    """Match from files into files; False where the whole has to be in memory, and fits."""
+    from stereopsis import tiling
+    from stereopsis.io.parts import PART_SUFFIXES
+
+    others = [path for path in outputs if path.suffix.lower() not in PART_SUFFIXES]
+    if others or truth or not outputs:
+        fits, needed = tiling.whole_fits(left, right, settings, memory)
+        if not fits:
+            whole = f"writing {others[0]}" if others else "a score" if truth else "printing without writing"
+            raise ValueError(
+                f"{whole} needs the whole map in memory, about {needed / 2**20:.0f} MiB, and --memory is "
+                f"{memory}; {', '.join(PART_SUFFIXES)} are written in tiles"
+            )
+        return False
+    seen = {left.resolve(), right.resolve()}
+    for path in outputs:
+        if path.resolve() in seen:
+            raise ValueError(f"{path} is also read, or written twice")
+        seen.add(path.resolve())
+    with _progress("tiles") as advance:
+        found = tiling.match(left, right, outputs, settings=settings, memory=memory, progress=advance)
+    facts: dict[str, Any] = {
+        "width": found.shape[1],
+        "height": found.shape[0],
+        "settings": found.settings.to_dict(),
+        "path": "tiles",
+        "tiles": found.tiles,
+        "tile": f"{found.side[1]} x {found.side[0]}",
+        "measured": list(found.measured),
+        "seconds": found.seconds,
+        "density": found.density,
+        "flags": {str(flag.name).lower(): count for flag, count in found.flagged.items()},
+    }
+    if as_json:
+        files = {"left": str(left), "right": str(right), "outputs": [str(path) for path in outputs]}
+        _print_json({**files, **facts})
+        return True
+    settings_ = {name: value for name, value in facts.pop("settings").items() if value not in (None, ())}
+    flags, pixels = facts.pop("flags"), found.shape[0] * found.shape[1]
+    facts = {"size": f"{found.shape[1]} x {found.shape[0]}", **settings_, **facts}
+    facts["flags"] = [f"{name} {count / pixels:.1%}" for name, count in flags.items() if count]
+    facts["nearly as the whole"] = facts.pop("measured") or None
+    facts["density"] = f"{found.density:.1%}"
+    _print_facts({name: value for name, value in facts.items() if name not in ("width", "height")})
+    _print_written(outputs)
+    return True
 
 
 def _check_outputs(

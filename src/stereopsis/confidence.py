@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import DisparityMap
+from stereopsis.types import DisparityMap, Halo
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,6 +29,10 @@ FEATURES = (
 ANSWERED = (3.917, -0.922, 0.152, 1.931, -1.648, 0.347, -10.767, -0.660, -1.223, 1.524, 1.542)
 FILLED = (0.000, 0.000, 1.794, -0.676, -1.437, 4.270, -14.014, 0.047, -1.856, 1.330, 1.522)
 """Weights for pixels that were matched, and for those that were filled."""
+
+
+HALO = Halo.around(21)
+"""What `probability` depends on."""
 
 
 def probability(

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import Disparities, Image
+from stereopsis.types import Disparities, Halo, Image
 
 FLOAT_BITS = 21
 KINDS = ("sad", "ssd", "zsad", "zssd", "ncc", "zncc")
@@ -29,20 +29,30 @@ class Pixels(NamedTuple):
         Contiguous; uint8, or int32.
     step : float
         What one unit is worth in the image's own grey levels: 1, but for float images.
+    limits : (int, int) or None
+        Least and greatest pixel of both images where these are parts of larger ones. None: their own.
     """
 
     left: npt.NDArray[Any]
     right: npt.NDArray[Any]
     step: float
+    limits: tuple[int, int] | None = None
 
 
-def pixels(left: Image, right: Image, channels: str = "grey", threads: int = 0) -> Pixels:
+def halo(window: tuple[int, int]) -> Halo:
+    """What a cost over a box depends on, in both images."""
+    return Halo.box(window)
+
+
+def pixels(
+    left: Image, right: Image, channels: str = "grey", threads: int = 0, largest: float | None = None
+) -> Pixels:
     """Integer pixels of a pair of images, of colour images as one grey channel or as three.
 
     8-bit images stay uint8, 16-bit ones become int32. Float images are scaled by the power of two that lets
-    the larger magnitude of the two images just fit `FLOAT_BITS` bits, and rounded.
+    the larger magnitude of the two images, or `largest`, just fit `FLOAT_BITS` bits, and rounded.
     """
-    integers = _integers(left, right)
+    integers = _integers(left, right, largest)
     if channels == "separate" or left.ndim == 2:
         return integers
     return Pixels(grey(integers.left, threads), grey(integers.right, threads), integers.step)
@@ -64,12 +74,13 @@ def grey(rgb: npt.NDArray[Any], threads: int = 0) -> npt.NDArray[Any]:
     return out
 
 
-def _integers(left: Image, right: Image) -> Pixels:
+def _integers(left: Image, right: Image, largest: float | None) -> Pixels:
     if left.dtype == np.uint8:
         return Pixels(_channels(left, np.uint8), _channels(right, np.uint8), 1.0)
     if left.dtype == np.uint16:
         return Pixels(_channels(left, np.int32), _channels(right, np.int32), 1.0)
-    largest = max(float(np.abs(left).max()), float(np.abs(right).max()))
+    if largest is None:
+        largest = max(float(np.abs(left).max()), float(np.abs(right).max()))
     exponent = FLOAT_BITS - int(np.frexp(largest)[1]) if largest > 0 else 0
 
     def fixed(image: Image) -> npt.NDArray[np.int32]:

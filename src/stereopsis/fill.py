@@ -9,9 +9,15 @@ import numpy.typing as npt
 
 from stereopsis import _core
 from stereopsis.smooth import FILL_STRENGTH, edge_tables, guide_of
-from stereopsis.types import DisparityMap, Flag
+from stereopsis.types import WHOLE, DisparityMap, Flag, Halo
 
 Float = TypeVar("Float", bound=np.floating[Any])
+
+
+ALONG_ROWS = Halo(left=WHOLE, right=WHOLE)
+"""What `background` depends on: the row, but where a row holds no answer at all."""
+ALL_AROUND = Halo.around(WHOLE, 128)
+"""What the other ways to fill depend on, but where no answer lies so near above or below."""
 
 
 def background(disparity: npt.NDArray[Float], threads: int = 1) -> npt.NDArray[Float]:

@@ -37,13 +37,28 @@ def deviation(image: npt.NDArray[Any]) -> float:
     .. [1] J. Immerkær, Fast noise variance estimation, Computer Vision and Image Understanding 64(2), 1996,
        doi:10.1006/cviu.1996.0060.
     """
+    return deviation_of(block_means(image))
+
+
+def block_means(image: npt.NDArray[Any], height: int = BLOCK) -> npt.NDArray[np.float64]:
+    """Mean magnitude of the response in each block of so many rows, or fewer in a small image, (N,).
+
+    Bands of an image, each with two rows more than its blocks need, give the blocks of the whole.
+    """
     pixels = (image if image.ndim == 3 else image[..., None]).astype(np.float32)
     response = np.abs(np.diff(np.diff(pixels, n=2, axis=0), n=2, axis=1))
     if not response.size:
-        return 0.0
-    height, width = (min(BLOCK, side) for side in response.shape[:2])
+        return np.empty(0)
+    height, width = min(height, response.shape[0]), min(BLOCK, response.shape[1])
     rows, columns = response.shape[0] // height, response.shape[1] // width
     whole = response[: rows * height, : columns * width]
-    means = whole.reshape(rows, height, columns, width, -1).mean(axis=(1, 3), dtype=np.float64)
+    means: npt.NDArray[np.float64] = whole.reshape(rows, height, columns, width, -1).mean(
+        axis=(1, 3), dtype=np.float64
+    )
+    return means.ravel()
+
+
+def deviation_of(means: npt.NDArray[np.float64]) -> float:
+    """The deviation that these blocks speak for."""
     means = means[means > 0]
     return float(np.sqrt(np.pi / 2) / 6 * np.quantile(means, SMOOTHEST)) if means.size else 0.0

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from stereopsis import _core, _cuts
 from stereopsis._numbers import is_number
-from stereopsis.types import worst_cost
+from stereopsis.types import Halo, worst_cost
 
 Data: TypeAlias = Literal["sad", "ssd", "zsad", "zssd", "ncc", "zncc"]
 DATA = ("sad", "ssd", "zsad", "zssd", "ncc", "zncc")
@@ -397,6 +397,11 @@ def solve(volume: npt.NDArray[Any], solver: Solver, threads: int = 0) -> Solutio
             problem = _cuts.quantised(costs, model.weight, model.power, model.truncation)
             labels = _cuts.swap(problem, labels, iterations)
     return Solution(labels, _energy(labels, volume, model), bound)
+
+
+def second_pass_halo(window: tuple[int, int]) -> Halo:
+    """How far around a pixel the first map counts in `second_pass`."""
+    return Halo.box(window)
 
 
 def second_pass(

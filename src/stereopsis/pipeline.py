@@ -24,6 +24,7 @@ from stereopsis import (
     optimize,
     pixelwise,
     planes,
+    pyramid,
     rectify,
     refine,
     select,
@@ -32,7 +33,6 @@ from stereopsis import (
     sky,
     slant,
     smooth,
-    tiles,
     upsample,
     validate,
     weigh,
@@ -44,6 +44,7 @@ from stereopsis.types import (
     Disparities,
     DisparityMap,
     Flag,
+    Frame,
     Image,
     Pair,
     Result,
@@ -214,12 +215,39 @@ def match(
     return _match(pair, chosen, start, timings, pixels)
 
 
+def match_part(
+    left: Image, right: Image, chosen: Settings, frame: Frame, largest: float | None = None
+) -> Result:
+    """Match a part of a larger pair, with what is known of the whole.
+
+    Parameters
+    ----------
+    left, right : ndarray, (H, W) or (H, W, 3)
+        The same rows and columns of both images.
+    chosen : Settings
+        With `disparities` and `vertical` known.
+    frame : Frame
+    largest : float, optional
+        Largest magnitude of the whole images, where they hold floats.
+
+    Returns
+    -------
+    Result
+        Of the part; right, as far as its edges are the image's or lie farther off than the settings' halo.
+    """
+    start = time.perf_counter()
+    pair = _pair(left, right)
+    pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
+    return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
+
+
 def _match(
     pair: Pair,
     chosen: Settings,
     start: float,
     timings: dict[str, float],
     pixels: cost.Pixels | None = None,
+    frame: Frame | None = None,
 ) -> Result:
     assert chosen.disparities is not None
     stages: dict[str, npt.NDArray[Any]] = {}
@@ -228,7 +256,7 @@ def _match(
     seen = _in_view(chosen.disparities, pair.left.shape[1], chosen.disparity_step)
     if isinstance(chosen.vertical, Vertical) and any(chosen.vertical):
         with _timed(timings, "vertical"):
-            right = rectify.undone(pixels.right, chosen.vertical, chosen.threads)
+            right = rectify.undone(pixels.right, chosen.vertical, chosen.threads, frame)
             pixels = pixels._replace(right=right)
     merged = chosen.slant is not None or bool(chosen.extra_windows)
     composed = not merged and not _streams(chosen, pixels)
@@ -247,9 +275,11 @@ def _match(
     elif composed:
         disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
     elif isinstance(chosen.optimize, sgm.SGM):
-        disparity, confidence, flags = _semi_global(pixels, chosen, seen, chosen.optimize, timings, stages)
+        disparity, confidence, flags = _semi_global(
+            pixels, chosen, seen, chosen.optimize, timings, stages, frame
+        )
     elif merged:
-        disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages)
+        disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages, frame)
     elif chosen.upsample is not None:
         disparity, confidence, flags = _match_upsampled(pixels, chosen, chosen.upsample, seen, timings)
     else:
@@ -412,6 +442,7 @@ def _semi_global(
     solver: sgm.SGM,
     timings: dict[str, float],
     stages: dict[str, npt.NDArray[Any]],
+    frame: Frame | None,
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Census to winner in one go; with slant once more along the ground, where smooth means on the ground.
 
@@ -434,8 +465,8 @@ def _semi_global(
 
     with _timed(timings, "match"):
         (disparity, confidence, flags), sums = winners(pixels, seen)
-    ground, plane = None, np.zeros((height, width), np.uint8)
-    if chosen.slant is not None:
+    ground, plane = next(iter(_told(frame)), None), np.zeros((height, width), np.uint8)
+    if chosen.slant is not None and (frame is None or frame.planes is None):
         with _timed(timings, "planes"):
             ground = slant.road(np.where(flags == 0, disparity, np.float32(np.nan)), census.size)
     if ground is not None:
@@ -452,7 +483,7 @@ def _semi_global(
                 floor=seen.min,
             )
             candidates = Disparities(-slant.MARGIN, max(slant.MARGIN, seen.span - slant.MARGIN))
-            found, other_sums = winners(cost.Pixels(*views, pixels.step), candidates, begin)
+            found, other_sums = winners(cost.Pixels(*views, pixels.step, pixels.limits), candidates, begin)
             # A sum of path costs counts as it is, as a squared difference does: as cost and misfit at once.
             best = slant.Hypothesis(disparity, confidence, sums, sums, flags, plane)
             skip = top - begin
@@ -540,7 +571,7 @@ def _match_tiles(
     """Each tile over the range that a map of small images has there; no filter yet."""
     shape, levels = pixels.left.shape[:2], cast(int, chosen.pyramid)
     with _timed(timings, "coarse"):
-        plan = tiles.plan(_coarse(pixels, seen, levels, chosen.threads), 2**levels, shape, seen)
+        plan = pyramid.plan(_coarse(pixels, seen, levels, chosen.threads), 2**levels, shape, seen)
     windows = [chosen.cost.size, *chosen.extra_windows]
     windows += [slant.FIRST_WINDOW] if chosen.slant else []
     beyond = SMOOTHED if chosen.optimize is not None else 2
@@ -556,7 +587,7 @@ def _match_tiles(
     )
     disparity, confidence, flags = _nothing_in_view(shape)
     for tile in plan:
-        part = tiles.cut(tile, shape, halo)
+        part = pyramid.cut(tile, shape, halo)
         images = pixels.left[part.rows, part.left], pixels.right[part.rows, part.right]
         low, high = tile.disparities
         own = plain.changed(disparities=(low - part.shift, high - part.shift))
@@ -728,11 +759,12 @@ def _volume(
             with _timed(timings, "information"):
                 tables = information.tables(*pixels[:2], seen, threads)
         with _timed(timings, "cost"):
-            return _sampled(pixelwise.volume(chosen.cost, *pixels[:2], seen, threads, tables), sampling)
+            costs = pixelwise.volume(chosen.cost, *pixels[:2], seen, threads, tables, pixels.limits)
+            return _sampled(costs, sampling)
     if chosen.cost.support is not None:
         with _timed(timings, "weigh"):
             weighed: npt.NDArray[Any] = weigh.volume(
-                chosen.cost.support, kind, *pixels, seen, sampling, threads
+                chosen.cost.support, kind, *pixels[:3], seen, sampling, threads
             )
             return weighed
     if chosen.optimize is not None and _fused.serves_volume(kind, pixels, window):
@@ -806,11 +838,13 @@ def _merge(
     seen: Disparities,
     timings: dict[str, float],
     stages: dict[str, npt.NDArray[Any]],
+    frame: Frame | None,
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Along several planes and with several windows: for each pixel the best of what streaming gave."""
     width = pixels.left.shape[1]
     with _timed(timings, "planes"):
-        planes = _planes(pixels, chosen, seen)
+        told = frame is not None and frame.planes is not None
+        planes = _told(frame) if told else _planes(pixels, chosen, seen)
     with _timed(timings, "match"):
         windows = (chosen.cost.size, *chosen.extra_windows)
         best = _along(pixels, planes, windows, chosen, seen)
@@ -835,6 +869,13 @@ def _merge(
         stages["planes"] = np.array(planes, np.float64).reshape(-1, 3)
         stages["plane"] = best.plane
     return disparity, confidence, flags
+
+
+def _told(frame: Frame | None) -> list[slant.Plane]:
+    """The whole image's planes, as they lie in the part."""
+    if frame is None or frame.planes is None:
+        return []
+    return [slant.Plane(a, b, c + a * frame.left + b * frame.top) for a, b, c in frame.planes]
 
 
 def _planes(pixels: cost.Pixels, chosen: Settings, seen: Disparities) -> list[slant.Plane]:
@@ -922,9 +963,19 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
     -------
     Disparities
     """
-    width = left.shape[1]
-    factor = max(1, -(-width // 256))
-    small = Pair(_shrunk(left, factor), _shrunk(right, factor))
+    factor = shrinking(left.shape[1])
+    small = Pair(shrunk(left, factor), shrunk(right, factor))
+    return disparities_of_shrunk(small, left.shape[1], threads)
+
+
+def shrinking(width: int) -> int:
+    """By how much images of so many columns are shrunk for an estimate of their range."""
+    return max(1, -(-width // 256))
+
+
+def disparities_of_shrunk(small: Pair, width: int, threads: int = 0) -> Disparities:
+    """The range of images of so many columns, from these images shrunken; see `estimate_disparities`."""
+    factor = shrinking(width)
     columns = small.left.shape[1]
     search = Disparities(-(columns // 8) - 1, columns * 5 // 8 + 2)
     probe = Settings(
@@ -987,20 +1038,31 @@ def _with_vertical(
 
 def _vertical(pixels: cost.Pixels, disparities: Disparities, threads: int) -> Vertical:
     width = pixels.left.shape[1]
-    seen, count = _in_view(disparities, width, 1), rectify.levels(width)
+    count = rectify.levels(width)
     mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count) for image in pixels[:2])
-    rows, columns = mine[-1].shape
+    first = coarse_map(mine[-1], other[-1], disparities, width, threads)
+    if first is None:
+        return Vertical(0.0)
+    return rectify.fit(rectify.sights(mine, other, first, threads), pixels.left.shape)
+
+
+def coarse_map(
+    left: rectify.Bytes, right: rectify.Bytes, disparities: Disparities, width: int, threads: int = 0
+) -> DisparityMap | None:
+    """A map of images of so many columns that were halved as `estimate_vertical` does; None if too small."""
+    seen, count = _in_view(disparities, width, 1), rectify.levels(width)
+    rows, columns = left.shape
     coarse = None
     if seen is not None and min(rows, columns) >= 8:
         coarse = _in_view(Disparities(seen.min >> count, ((seen.max - 1) >> count) + 2), columns, 1)
     if coarse is None:
-        return Vertical(0.0)
-    last = cost.Pixels(mine[-1][..., None], other[-1][..., None], 1.0)
+        return None
+    last = cost.Pixels(left[..., None], right[..., None], 1.0)
     first, _, _ = _fused.match("zncc", last, coarse, (15, 7), "parabola", 1.0, 5.0, threads)
-    return rectify.fit(rectify.sights(mine, other, first, threads), pixels.left.shape)
+    return first
 
 
-def _shrunk(image: Image, factor: int) -> Image:
+def shrunk(image: Image, factor: int) -> Image:
     """The mean of each factor x factor block, as float32 grey."""
     grey = image.astype(np.float32) if image.ndim == 2 else image.astype(np.float32).mean(axis=2)
     if min(grey.shape) < factor:

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from stereopsis import _core, _instructions
 from stereopsis.supports import window_size
-from stereopsis.types import Disparities
+from stereopsis.types import Disparities, Halo
 
 WORST = 65535
 """Of a candidate outside the right image; every other cost is less."""
@@ -509,13 +509,19 @@ def census(
 
 
 def levels(
-    left: npt.NDArray[Any], right: npt.NDArray[Any]
+    left: npt.NDArray[Any], right: npt.NDArray[Any], limits: tuple[int, int] | None = None
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
-    """8 bits of both images, (H, W, C) uint8 or int32: less their least pixel, and halved until all fit."""
+    """8 bits of both images, (H, W, C) uint8 or int32: less their least pixel, and halved until all fit.
+
+    Parts of larger images are told these images' least and greatest pixel, `limits`.
+    """
     if left.dtype == np.uint8:
         return left, right
-    least = min(int(left.min()), int(right.min()))
-    halvings = max(0, (max(int(left.max()), int(right.max())) - least).bit_length() - 8)
+    least, most = limits or (
+        min(int(left.min()), int(right.min())),
+        max(int(left.max()), int(right.max())),
+    )
+    halvings = max(0, (most - least).bit_length() - 8)
     first, second = ((image - np.int32(least) >> halvings).astype(np.uint8) for image in (left, right))
     return first, second
 
@@ -534,6 +540,7 @@ def volume(
     disparities: Disparities,
     threads: int = 0,
     tables: Sequence[npt.NDArray[np.uint8]] | None = None,
+    limits: tuple[int, int] | None = None,
 ) -> Volume:
     """Costs of all candidates.
 
@@ -547,6 +554,8 @@ def volume(
     threads : int
     tables : sequence of ndarray of uint8, (256, 256) each, optional
         For `MutualInformation`: a channel's cost of each pair of a left and a right level.
+    limits : (int, int), optional
+        As for `levels`.
 
     Returns
     -------
@@ -563,11 +572,13 @@ def volume(
     if tables is None and needs_information(cost):
         raise ValueError(f"tables must be given for {name_of(cost)}, one for each channel")
     if isinstance(cost, Combined):
-        costs, other = (volume(part, left, right, disparities, threads, tables) for part in (cost.a, cost.b))
+        costs, other = (
+            volume(part, left, right, disparities, threads, tables, limits) for part in (cost.a, cost.b)
+        )
         _core.combine(costs, other, *cost.factors(channels), threads)
         return costs
     if not isinstance(cost, Census | Rank):
-        left, right = levels(left, right)
+        left, right = levels(left, right, limits)
     costs = np.empty((*left.shape[:2], disparities.span), np.uint16)
     for channel in range(channels):
         table = None if tables is None else tables[channel]
@@ -593,6 +604,11 @@ _KINDS: Mapping[type[PixelCost], int] = MappingProxyType(
     {Census: 0, Rank: 1, Gradient: 2, BirchfieldTomasi: 3, MutualInformation: 4}
 )
 """In the core's order."""
+
+
+def halo(cost: PixelCost) -> Halo:
+    """What a cost depends on, in both images."""
+    return Halo.box(cost.size)
 
 
 def _features(cost: PixelCost, image: npt.NDArray[Any], threads: int) -> npt.NDArray[Any]:

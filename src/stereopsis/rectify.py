@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import DisparityMap, Vertical
+from stereopsis.types import DisparityMap, Frame, Halo, Vertical
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -77,14 +77,20 @@ def levels(width: int) -> int:
     return count
 
 
-def eight_bit(image: npt.NDArray[Any]) -> Bytes:
-    """An image of integers as bytes: as it is, or its range from the 0.5 to the 99.5 % quantile stretched."""
+def eight_bit(image: npt.NDArray[Any], ends: tuple[float, float] | None = None) -> Bytes:
+    """An image of integers as bytes: as it is, or stretched from one of the `ends` to the other."""
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image)
-    low, high = np.quantile(image[::3, ::3], (0.005, 0.995))
+    low, high = ends_of(image[::3, ::3]) if ends is None else ends
     scaled = (image.astype(np.float64) - low) * (255 / max(high - low, 1.0))
     stretched: Bytes = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
     return stretched
+
+
+def ends_of(sample: npt.NDArray[Any]) -> tuple[float, float]:
+    """The 0.5 and the 99.5 % quantile."""
+    low, high = np.quantile(sample, (0.005, 0.995))
+    return float(low), float(high)
 
 
 def halved(image: Bytes) -> Bytes:
@@ -132,18 +138,46 @@ def sights(left: list[Bytes], right: list[Bytes], disparity: DisparityMap, threa
     .. [2] J.-Y. Bouguet, Pyramidal implementation of the affine Lucas Kanade feature tracker, Intel, 2001.
     """
     last = len(left) - 1
-    points = _corners(left[0], threads)
-    at = _inside(points >> last, disparity.shape)
-    start: Floats = disparity[at[:, 1], at[:, 0]].astype(np.float64)
-    known = np.isfinite(start)
-    points, start = np.ascontiguousarray(points[known]), start[known]
+    points, start = known(corners(left[0], tile_of(left[0].size), threads), disparity, last)
     motion: Floats = np.stack((-start, np.zeros_like(start)), axis=1)
     correlation = np.empty(len(points))
-    for level in range(last, -1, -1):
+    follow(left, right, points, motion, correlation, threads)
+    return believed(points, motion, correlation, start, last)
+
+
+def known(
+    points: npt.NDArray[np.int32], disparity: DisparityMap, last: int
+) -> tuple[npt.NDArray[np.int32], Floats]:
+    """Those points that a map of images halved `last` times answers, and its answers."""
+    at = _inside(points >> last, disparity.shape)
+    start: Floats = disparity[at[:, 1], at[:, 0]].astype(np.float64)
+    answered = np.isfinite(start)
+    return np.ascontiguousarray(points[answered]), start[answered]
+
+
+def follow(
+    left: list[Bytes],
+    right: list[Bytes],
+    points: npt.NDArray[np.int32],
+    motion: Floats,
+    correlation: Floats,
+    threads: int = 0,
+) -> None:
+    """Follow points, (N, 2) in pixels of the first level, from the last level down to the first one.
+
+    In place: `motion`, (N, 2), in pixels of the last level, becomes that in pixels of the first.
+    """
+    for level in range(len(left) - 1, -1, -1):
         seen = np.ascontiguousarray(_inside(points >> level, left[level].shape))
         _core.track(left[level], right[level], seen, *REACH, ITERATIONS, motion, correlation, threads)
         if level:
             motion *= 2
+
+
+def believed(
+    points: npt.NDArray[np.int32], motion: Floats, correlation: Floats, start: Floats, last: int
+) -> Sights:
+    """Of the points that were followed those that were followed well, and not far."""
     moved = motion[:, 0] + start * 2**last
     with np.errstate(invalid="ignore"):
         good = (correlation >= LEAST_CORRELATION) & (np.abs(motion[:, 1]) <= MOST_ROWS)
@@ -153,9 +187,13 @@ def sights(left: list[Bytes], right: list[Bytes], disparity: DisparityMap, threa
     )
 
 
-def _corners(image: Bytes, threads: int) -> npt.NDArray[np.int32]:
-    """Columns and rows, (N, 2), of at most one point a tile."""
-    tile = max(TILE, int(np.sqrt(image.size / TILES)))
+def tile_of(size: int) -> int:
+    """Side of the squares in which an image of so many pixels is searched for corners."""
+    return max(TILE, int(np.sqrt(size / TILES)))
+
+
+def corners(image: Bytes, tile: int, threads: int = 0) -> npt.NDArray[np.int32]:
+    """Columns and rows, (N, 2), of at most one point in each square of `tile` pixels."""
     stride = max(STRIDE, tile // 3)
     found = np.empty((image.shape[0] // tile, image.shape[1] // tile, 2), np.int32)
     pixels = (2 * REACH[0] + 1) * (2 * REACH[1] + 1)
@@ -222,7 +260,15 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
     return Vertical(*np.round(found, 4).tolist())
 
 
-def undone(image: npt.NDArray[Any], vertical: Vertical, threads: int = 0) -> npt.NDArray[Any]:
+def halo(vertical: Vertical) -> Halo:
+    """What `undone` depends on: the rows that it moves by, and a cubic's."""
+    rows = int(abs(vertical.offset) + 0.5 * (abs(vertical.across) + abs(vertical.down))) + 4
+    return Halo(up=rows, down=rows)
+
+
+def undone(
+    image: npt.NDArray[Any], vertical: Vertical, threads: int = 0, frame: Frame | None = None
+) -> npt.NDArray[Any]:
     """The right image as rectified, ``undone(x, y) = image(x, y + v(x, y))``.
 
     By cubic convolution [1]_ along the column, rounded to the image's own whole numbers and kept within its
@@ -234,6 +280,8 @@ def undone(image: npt.NDArray[Any], vertical: Vertical, threads: int = 0) -> npt
     vertical : Vertical
     threads : int
         0: all cores.
+    frame : Frame, optional
+        The whole image that this is a part of.
 
     Returns
     -------
@@ -245,8 +293,12 @@ def undone(image: npt.NDArray[Any], vertical: Vertical, threads: int = 0) -> npt
        doi:10.1109/TASSP.1981.1163711.
     """
     moved = np.empty_like(image)
-    plane = _plane(vertical, image.shape)
-    _core.move_rows(image, plane, int(image.min()), int(image.max()), moved, threads)
+    a, b, c = _plane(vertical, image.shape if frame is None else frame.shape)
+    least, most = int(image.min()), int(image.max())
+    if frame is not None:
+        c += a * frame.left + b * frame.top
+        least, most = (least, most) if frame.limits is None else frame.limits[2:]
+    _core.move_rows(image, (a, b, c), least, most, moved, threads)
     return moved
 
 

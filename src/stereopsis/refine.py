@@ -8,7 +8,27 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _instructions
-from stereopsis.types import DisparityMap, worst_cost
+from stereopsis.types import DisparityMap, Halo, worst_cost
+
+
+def aligned_halo(window: tuple[int, int]) -> Halo:
+    """What a sub-pixel fit from the images depends on, in both: its window, and cubics about it."""
+    return Halo.box(window).then(Halo.around(4, 1))
+
+
+def symmetric_halo(window: tuple[int, int]) -> Halo:
+    """What `symmetric` depends on, in both images: its window about the mean of another."""
+    return Halo.box(window).then(Halo.box(window)).then(Halo.around(3, 1))
+
+
+def median_halo(size: int) -> Halo:
+    """What `median` depends on."""
+    return Halo.box((size, size))
+
+
+def planar_halo(window: tuple[int, int]) -> Halo:
+    """What `planar` depends on."""
+    return Halo.box(window).beside(Halo.around(window[0] // 2, window[1] // 2))
 
 
 def _neighbours(

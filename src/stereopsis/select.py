@@ -9,7 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import EVERY, Sampling
+from stereopsis.types import EVERY, Disparities, Halo, Sampling
+
+
+def halo(disparities: Disparities) -> Halo:
+    """What a left pixel's winner depends on: the columns of the right image where its candidates lie."""
+    return Halo(left=max(0, disparities.max - 1), right=max(0, -disparities.min))
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from stereopsis import _core, _instructions
 from stereopsis._numbers import is_number
-from stereopsis.types import worst_cost
+from stereopsis.types import Halo, worst_cost
 
 PATHS = (2, 4, 5, 8, 16)
 LARGEST_SUM = 65534
@@ -156,6 +156,15 @@ class SGM:
     def first_penalty(self, unit: float) -> int:
         """P1 in units."""
         return _units(self.p1, unit)
+
+
+OVERLAP = 128
+"""How far from a part's edges its paths have forgotten them, in pixels: benchmarks/tiles.py measures it."""
+
+
+def halo(overlap: int = OVERLAP) -> Halo:
+    """What hardly less than all of the sums depends on: in truth, paths come from the image's edges."""
+    return Halo.around(overlap)
 
 
 def most_units(largest: float, unit: float) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import Disparities, DisparityMap, Flag, Image
+from stereopsis.types import Disparities, DisparityMap, Flag, Halo, Image
 
 FIRST_WINDOW = (25, 9)
 """Support window of the map that planes are fitted to: flat, so that even a road changes little within it."""
@@ -32,6 +32,14 @@ FACADES = 2
 """How many planes that are not slanted may hold more pixels than the ground does."""
 MOST_PLANES = 3
 """How many planes are looked for, the road included."""
+
+
+def halo(window: tuple[int, int]) -> Halo:
+    """What a match along a given plane depends on beyond its range: the window, residuals, and a cubic.
+
+    The check of left against right works on the mirrored pair, where an even window reaches the other way.
+    """
+    return Halo.around(window[0] // 2, window[1] // 2).then(Halo.around(MARGIN + 3, 0))
 
 
 class Plane(NamedTuple):
@@ -65,7 +73,7 @@ LEVEL = Plane(0.0, 0.0, 0.0)
 """No warp: fronto-parallel windows, as matching without slant has them."""
 
 
-def road(disparity: DisparityMap, window: tuple[int, int]) -> Plane | None:
+def road(disparity: DisparityMap, window: tuple[int, int], step: int | None = None) -> Plane | None:
     """Fit the ground to a first disparity map, of which only reliable pixels have a value.
 
     Random sample consensus [1]_ over the lower six tenths of the map: of 512 planes through three points, the
@@ -79,6 +87,8 @@ def road(disparity: DisparityMap, window: tuple[int, int]) -> Plane | None:
         NaN where not reliable.
     window : (width, height)
         The support window, in pixels.
+    step : int, optional
+        The map is thinned already: it holds every so many-th row and column.
 
     Returns
     -------
@@ -93,12 +103,14 @@ def road(disparity: DisparityMap, window: tuple[int, int]) -> Plane | None:
     .. [1] M. A. Fischler, R. C. Bolles, Random sample consensus, CACM 24(6), 1981,
        doi:10.1145/358669.358692.
     """
-    step = _step(disparity)
-    ground = _ground(disparity[::step, ::step].copy(), window, step)
+    thinned, step = _thinned(disparity, step)
+    ground = _ground(thinned, window, step)
     return None if ground is None else _scaled(ground, step)
 
 
-def planes(disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PLANES) -> list[Plane]:
+def planes(
+    disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PLANES, step: int | None = None
+) -> list[Plane]:
     """Fit the ground and further planes, such as walls and verges, each to the pixels that the others leave.
 
     The ground as `road` finds it; then random samples of three neighbouring points, anywhere in the map.
@@ -111,14 +123,15 @@ def planes(disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PL
         The support window, in pixels.
     most : int
         How many planes at most.
+    step : int, optional
+        As for `road`.
 
     Returns
     -------
     list of Plane
         Those that hold enough pixels and are slanted enough, as for `road`; the ground first, if any.
     """
-    step = _step(disparity)
-    rest = disparity[::step, ::step].copy()
+    rest, step = _thinned(disparity, step)
     found: list[Plane] = []
     for trial in range(2 * most):
         if trial == 0:
@@ -135,9 +148,16 @@ def planes(disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PL
     return [_scaled(plane, step) for plane in found]
 
 
-def _step(disparity: DisparityMap) -> int:
-    """Every how manyeth row and column serves."""
-    return max(1, round(float(np.sqrt(disparity.size / GRID))))
+def thinning(size: int) -> int:
+    """Every how manyeth row and column of a map of so many pixels serves."""
+    return max(1, round(float(np.sqrt(size / GRID))))
+
+
+def _thinned(disparity: DisparityMap, step: int | None) -> tuple[DisparityMap, int]:
+    if step is not None:
+        return disparity.copy(), step
+    step = thinning(disparity.size)
+    return disparity[::step, ::step].copy(), step
 
 
 def _scaled(plane: Plane, step: int) -> Plane:

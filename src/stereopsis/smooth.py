@@ -8,12 +8,22 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import DisparityMap
+from stereopsis.types import DisparityMap, Halo
 
 SIGMA, SLOPE_SIGMA = 5.0, 20.0
 """Grey levels at which two neighbours hold together by 1 / e: their disparities, and their slopes."""
 FILL_STRENGTH = 500.0
 """How strongly neighbours hold together where a hole is filled: over a reach of about its root, in pixels."""
+
+
+def weighted_median_halo(size: int) -> Halo:
+    """What `weighted_median` depends on, but for the step that the map's greatest value gives."""
+    return Halo.box((size, size))
+
+
+def edge_aware_halo(strength: float) -> Halo:
+    """What hardly less than all of `edge_aware` depends on: four times its reach, where no edge ends it."""
+    return Halo.around(int(4 * strength**0.5) + 8)
 
 
 def edge_aware(

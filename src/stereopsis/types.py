@@ -86,6 +86,92 @@ class Sampling(NamedTuple):
 
 EVERY = Sampling()
 
+WHOLE = 2**24
+"""A halo of so many pixels reaches to the image's edge, whatever its size."""
+
+
+class Halo(NamedTuple):
+    """How far around a pixel what it is answered can depend on, in pixels of either image.
+
+    Halos of stages that follow each other are summed, of stages beside each other the larger counts.
+    """
+
+    up: int = 0
+    down: int = 0
+    left: int = 0
+    right: int = 0
+
+    def then(self, following: Halo) -> Halo:
+        """Of this stage and one that works on its results."""
+        return Halo(*(min(WHOLE, mine + its) for mine, its in zip(self, following, strict=True)))
+
+    def beside(self, other: Halo) -> Halo:
+        """Of two stages that a third one takes results of."""
+        return Halo(*map(max, self, other))
+
+    @classmethod
+    def box(cls, size: tuple[int, int]) -> Halo:
+        """Of a window of so many columns and rows; an even one reaches one further to the left and up."""
+        (width, height) = size
+        return cls(height // 2, (height - 1) // 2, width // 2, (width - 1) // 2)
+
+    @classmethod
+    def around(cls, columns: int, rows: int | None = None) -> Halo:
+        """As far to all sides, or to the left and right and up and down."""
+        rows = columns if rows is None else rows
+        return cls(rows, rows, columns, columns)
+
+
+class Rectangle(NamedTuple):
+    """Rows ``top, ..., bottom - 1`` and columns ``left, ..., right - 1`` of an image."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.bottom - self.top, self.right - self.left
+
+    @property
+    def size(self) -> int:
+        """Number of pixels."""
+        return (self.bottom - self.top) * (self.right - self.left)
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """As an index of the image."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a part of a pair has to know of the whole that it was cut from.
+
+    Attributes
+    ----------
+    shape : (H, W)
+        Of the whole images.
+    top, left : int
+        Where in them the part begins.
+    limits : (int, int, int, int) or None
+        Least and greatest pixel of the whole left image, and of the right one, as `cost.pixels` has them.
+    levels : (int, int) or None
+        Least and greatest pixel of both, once the right one's rows have been moved.
+    planes : tuple of (float, float, float) or None
+        Along which windows are matched, as ``a, b, c`` of ``d = a x + b y + c`` over the whole image; None:
+        to be found in the part.
+    """
+
+    shape: tuple[int, int]
+    top: int = 0
+    left: int = 0
+    limits: tuple[int, int, int, int] | None = None
+    levels: tuple[int, int] | None = None
+    planes: tuple[tuple[float, float, float], ...] | None = None
+
 
 @dataclass(frozen=True)
 class Calibration:

@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis.types import Halo
+
 INTERPOLATIONS = ("nearest", "linear", "cubic", "lanczos", "area")
+
+
+HALO = Halo.around(4, 0)
+"""What a column between two others depends on, in columns of the image."""
 
 
 def columns(image: npt.NDArray[Any], factor: int, interpolation: str) -> npt.NDArray[Any]:

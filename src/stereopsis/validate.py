@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
-from stereopsis.types import EVERY, Disparities, DisparityMap, Flag, Sampling, worst_cost
+from stereopsis.types import EVERY, WHOLE, Disparities, DisparityMap, Flag, Halo, Sampling, worst_cost
 
 BoolMap = npt.NDArray[np.bool_]
 
@@ -31,6 +31,28 @@ def uniqueness(cost: npt.NDArray[Any], second: npt.NDArray[Any], perfect: float,
     depth = cost.astype(np.float64) - perfect
     ambiguous: npt.NDArray[np.bool_] = (second < none) & (excess <= depth * (1 + margin / 100))
     return ambiguous
+
+
+def left_right_halo(disparities: Disparities, tolerance: float) -> Halo:
+    """What the check of left against right depends on.
+
+    The right pixels that may answer within the tolerance of the pixel, and all left pixels that are their
+    candidates.
+    """
+    about, across = int(min(tolerance, WHOLE)) + 1, disparities.span - 1
+    return Halo(
+        left=about + max(across, disparities.max - 1, 0), right=about + max(across, -disparities.min, 0)
+    )
+
+
+def texture_halo(window: tuple[int, int]) -> Halo:
+    """What `texture` depends on: the window, and the neighbours of its pixels."""
+    return Halo.box(window).then(Halo.around(1, 0))
+
+
+def speckle_halo(area: int) -> Halo:
+    """What `speckle` depends on, exactly: a region that reaches further is no speckle."""
+    return Halo.around(max(0, area - 1))
 
 
 def left_right(

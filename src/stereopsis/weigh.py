@@ -14,12 +14,26 @@ import numpy.typing as npt
 
 from stereopsis import _core, _instructions
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian, Support, window_size
-from stereopsis.types import EVERY, Disparities, Sampling
+from stereopsis.types import EVERY, Disparities, Halo, Sampling
 
 KINDS = ("sad", "ssd", "zsad", "zssd", "ncc", "zncc")
 """In the core's order."""
 
 Volume = npt.NDArray[np.float32]
+
+
+def halo(support: Support) -> Halo:
+    """What a cost over a support depends on, in both images."""
+    match support:
+        case Gaussian():
+            return Halo.around(support.radius)
+        case Bilateral():
+            return Halo.box(window_size(support.size))
+        case Cross():
+            # A region's columns are arms of the pixels on its own arm; every arm looks as far as it goes.
+            return Halo.around(support.arm + 1)
+        case Adaptive():
+            return Halo.box(support.size).then(Halo.around(1, 0))
 
 
 def volume(

@@ -48,6 +48,10 @@ def _header(data: bytes) -> tuple[int, tuple[int, ...], str]:
 
 def encode(pixels: npt.NDArray[Any]) -> bytes:
     """Encode ``(H, W)`` or ``(H, W, 3)`` as little-endian float32, bottom row first."""
-    magic = "PF" if pixels.ndim == 3 else "Pf"
-    header = f"{magic}\n{pixels.shape[1]} {pixels.shape[0]}\n-1\n".encode()
-    return header + pixels[::-1].astype("<f4").tobytes()
+    return header(pixels.shape) + pixels[::-1].astype("<f4").tobytes()
+
+
+def header(shape: tuple[int, ...]) -> bytes:
+    """What stands before the pixels of a little-endian ``(H, W)`` or ``(H, W, 3)``."""
+    magic = "PF" if len(shape) == 3 else "Pf"
+    return f"{magic}\n{shape[1]} {shape[0]}\n-1\n".encode()

@@ -1,6 +1,6 @@
 """Disparity maps that can be trusted, from rectified stereo pairs."""
 
-from stereopsis import datasets, io, scenes
+from stereopsis import batch, datasets, io, scenes
 from stereopsis.evaluate import Scores, error_map, evaluate
 from stereopsis.io import (
     depth,
@@ -73,6 +73,7 @@ __all__ = [
     "Sparsification",
     "Swap",
     "Vertical",
+    "batch",
     "datasets",
     "depth",
     "energy",

@@ -475,8 +475,6 @@ def batch(dataset: Path, out: str, settings: Settings, evaluate: bool, as_json: 
     soon as it is done: the same command goes on where an earlier one was stopped. The exit code is 3 when
     some pair has no result.
     """
-    import logging
-
     from stereopsis import batch as batch_
     from stereopsis import datasets
 
@@ -484,7 +482,6 @@ def batch(dataset: Path, out: str, settings: Settings, evaluate: bool, as_json: 
         batch_.require()
     except ModuleNotFoundError as error:
         raise click.ClickException(str(error)) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
     samples = datasets.open(dataset)
     try:
         with _progress("pairs") as advance:

@@ -18,6 +18,9 @@ from stereopsis.io._errors import reason
 PATIENCE: Final = 60.0
 """Seconds to wait for a scheduler's first worker."""
 
+CONNECT: Final = 10.0
+"""Seconds to wait for the scheduler itself."""
+
 TASK: Final = 0.25
 """Seconds of work that a task holds at least, where there are pairs enough."""
 
@@ -26,6 +29,9 @@ ROUND: Final = 0.002
 
 LARGEST: Final = 64
 """Pairs in a task at most: what a client has to hold of each is small, and so is what it waits for."""
+
+
+KEPT: Final = "what is finished is kept, and the same run again goes on"
 
 
 class LostError(ConnectionError):
@@ -55,23 +61,45 @@ def cores() -> int:
 
 
 @contextmanager
+def _quiet() -> Iterator[None]:
+    """No log of Dask's on the terminal: whatever ends a run is said in one sentence."""
+    import distributed  # noqa: F401, sets the levels of its own loggers up
+
+    names = [
+        name
+        for name in logging.root.manager.loggerDict
+        if name.partition(".")[0] in ("distributed", "tornado")
+    ]
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
+@contextmanager
 def local(workers: int) -> Iterator[Any]:
     """A client of processes of this machine, one thread each; one that is killed is started again."""
     from distributed import Client, LocalCluster
 
-    cluster = LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-        preload=["stereopsis.batch.preload"],
-    )
-    try:
-        with Client(cluster) as client:
-            yield client
-    finally:
-        cluster.close()
+    with _quiet():
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
+            silence_logs=logging.CRITICAL,
+            preload=["stereopsis.batch.preload"],
+        )
+        try:
+            with Client(cluster) as client:
+                yield client
+        finally:
+            cluster.close()
 
 
 @contextmanager
@@ -85,17 +113,18 @@ def connected(scheduler: str) -> Iterator[Any]:
     """
     from distributed import Client
 
-    try:
-        client = Client(scheduler, timeout=10)
-    except (OSError, ValueError, TypeError) as error:
-        # Dask names the addresses and the errors beneath at length.
-        why = "nobody answers" if isinstance(error, OSError) else reason(error)
-        raise ConnectionError(f"no Dask scheduler at {scheduler}: {why}") from None
-    try:
-        yield client
-    finally:
-        with suppress(Exception):
-            client.close(timeout=2)
+    with _quiet():
+        try:
+            client = Client(scheduler, timeout=CONNECT)
+        except (OSError, ValueError, TypeError) as error:
+            # Dask names the addresses and the errors beneath at length.
+            why = "nobody answers" if isinstance(error, OSError) else reason(error)
+            raise ConnectionError(f"no Dask scheduler at {scheduler}: {why}") from None
+        try:
+            yield client
+        finally:
+            with suppress(Exception):
+                client.close(timeout=2)
 
 
 def threads_of(client: Any, patience: float = PATIENCE) -> int:
@@ -160,14 +189,14 @@ def answers(client: Any, job: Job, items: Iterator[Item], left: Callable[[], int
             future = next(ready)
             chunk = waiting.pop(future)
             if future.status in ("cancelled", "lost"):
-                raise LostError(f"the Dask scheduler {_address(client)} is gone")
+                raise LostError(f"the Dask scheduler {_address(client)} is gone; {KEPT}")
             error = future.exception() if future.status == "error" else None
             if error is None:
                 found = future.result()
                 pace.learn(found)
                 yield from found
             elif isinstance(error, UnwritableError):
-                raise error
+                raise UnwritableError(f"{error}; {KEPT}")
             elif len(chunk) > 1:
                 # One of them has killed its workers, or cannot be sent: each has to show alone.
                 for item in chunk:

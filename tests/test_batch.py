@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,11 +11,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batch_data import OPTIONS, QUIET, SETTINGS, Made, dataset, files, in_this_process, leftovers, table
 from hypothesis import example, given
 from hypothesis import strategies as some
 
 import stereopsis as st
+from batch_data import (
+    OPTIONS,
+    QUIET,
+    SETTINGS,
+    Made,
+    command,
+    dataset,
+    files,
+    in_this_process,
+    leftovers,
+    table,
+)
 from stereopsis import batch
 from stereopsis.batch import cluster, names, record, store, work
 from stereopsis.cli import main
@@ -257,7 +267,7 @@ def test_another_data_set_or_version_is_refused(
     done: tuple[Path, batch.Report], data: Path, tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = dataset(tmp_path / "other", 6)
-    with pytest.raises(ValueError, match="data folder .*data, not .*other"):
+    with pytest.raises(ValueError, match=r"data folder .*data, not .*other"):
         batch.run(st.datasets.open(other), SETTINGS, done[0], client, evaluate=True)
     monkeypatch.setattr(record, "version", lambda: "9.9")
     with pytest.raises(ValueError, match=f"version {st.__version__}, not 9.9"):
@@ -292,7 +302,7 @@ def test_overwrite_begins_anew(tmp_path: Path, client: Any) -> None:
 def test_a_folder_of_something_else_is_refused(tmp_path: Path, client: Any) -> None:
     (tmp_path / "disparity").mkdir()
     (tmp_path / "disparity/precious.png").write_bytes(b"x")
-    with pytest.raises(ValueError, match="holds files but no run.toml"):
+    with pytest.raises(ValueError, match=r"holds files but no run.toml"):
         batch.run([Made("a")], SETTINGS, tmp_path, client)
     (tmp_path / "run.toml").write_text("half = [")
     with pytest.raises(ValueError, match="is no record of a run"):
@@ -492,8 +502,7 @@ def test_no_worker_is_one_sentence(tmp_path: Path) -> None:
 def test_command(data: Path, tmp_path: Path, done: tuple[Path, batch.Report]) -> None:
     """Processes of this machine give the same bytes as threads of this process."""
     told = subprocess.run(
-        [sys.executable, "-m", "stereopsis", "batch", data, "-o", tmp_path / "out", *OPTIONS]
-        + ["--evaluate", "--json", "--workers", "1"],
+        command(data, tmp_path / "out", "--evaluate", "--json", "--workers", "1"),
         capture_output=True,
         text=True,
         check=True,

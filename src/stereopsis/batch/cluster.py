@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import logging
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from itertools import islice
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from stereopsis.batch import work
+from stereopsis.batch import preload, work
 from stereopsis.batch.work import Answer, Failure, Item, Job, UnwritableError
 from stereopsis.io._errors import reason
 
@@ -85,6 +87,7 @@ def local(workers: int) -> Iterator[Any]:
     """A client of processes of this machine, one thread each; one that is killed is started again."""
     from distributed import Client, LocalCluster
 
+    preload.steady()
     with _quiet():
         cluster = LocalCluster(
             n_workers=workers,
@@ -93,7 +96,7 @@ def local(workers: int) -> Iterator[Any]:
             dashboard_address="127.0.0.1:0",
             scheduler_kwargs={"dashboard": False},
             silence_logs=logging.CRITICAL,
-            preload=["stereopsis.batch.preload"],
+            preload=[preload.__name__],
         )
         try:
             with Client(cluster) as client:
@@ -113,6 +116,7 @@ def connected(scheduler: str) -> Iterator[Any]:
     """
     from distributed import Client
 
+    preload.steady()
     with _quiet():
         try:
             client = Client(scheduler, timeout=CONNECT)
@@ -165,50 +169,98 @@ def answers(client: Any, job: Job, items: Iterator[Item], left: Callable[[], int
     LostError
         The scheduler is gone.
     """
-    from distributed import as_completed
+    from distributed.comm import CommClosedError
 
-    waiting: dict[Any, list[Item]] = {}
-    ready = as_completed(raise_errors=False)
-    threads, counted = threads_of(client), time.monotonic()
+    hands = _Hands(client, job)
+    suspects: deque[Item] = deque()
     pace = _Pace()
-
-    def submit(chunk: list[Item]) -> None:
-        # Not pure: the same pair asked for again is a new task, not a failure that Dask remembers.
-        future = client.submit(work.pairs, job, chunk, pure=False)
-        waiting[future] = chunk
-        ready.add(future)
-
     try:
+        threads, counted = threads_of(client), time.monotonic()
         while True:
-            while len(waiting) < 2 * threads + 1 and (
+            while len(hands) < 2 * threads + 1 and (
                 chunk := list(islice(items, pace.pairs(threads, left())))
             ):
-                submit(chunk)
-            if not waiting:
+                yield from hands.give(chunk)
+            if not hands and suspects:
+                yield from hands.give([suspects.popleft()], alone=True)
+            if not hands:
                 return
-            future = next(ready)
-            chunk = waiting.pop(future)
-            if future.status in ("cancelled", "lost"):
-                raise LostError(f"the Dask scheduler {_address(client)} is gone; {KEPT}")
-            error = future.exception() if future.status == "error" else None
-            if error is None:
-                found = future.result()
+            found = hands.take()
+            if not isinstance(found, _Died):
                 pace.learn(found)
                 yield from found
-            elif isinstance(error, UnwritableError):
-                raise UnwritableError(f"{error}; {KEPT}")
-            elif len(chunk) > 1:
-                # One of them has killed its workers, or cannot be sent: each has to show alone.
-                for item in chunk:
-                    submit([item])
+            elif len(found.chunk) > 1:
+                for item in found.chunk:
+                    yield from hands.give([item])
+            elif not found.alone:
+                # Its worker died, perhaps of another pair that waited there.
+                suspects.extend(found.chunk)
             else:
-                yield chunk[0].index, Failure(chunk[0].sample.name, _of_the_task(error))
+                yield found.chunk[0].index, Failure(found.chunk[0].sample.name, found.reason)
             if time.monotonic() - counted > 10:
                 threads, counted = threads_of(client, patience=float("inf")), time.monotonic()
+    except (CancelledError, CommClosedError):
+        raise LostError(f"the Dask scheduler {_address(client)} is gone; {KEPT}") from None
     finally:
-        if waiting:
+        hands.drop()
+
+
+class _Died(NamedTuple):
+    """A task over which workers died, or that they cannot take."""
+
+    chunk: list[Item]
+    alone: bool
+    reason: str
+
+
+class _Hands:
+    """Tasks that are at the workers."""
+
+    def __init__(self, client: Any, job: Job) -> None:
+        from distributed import as_completed
+
+        self._client = client
+        self._job = job
+        self._waiting: dict[Any, tuple[list[Item], bool]] = {}
+        self._ready = as_completed(raise_errors=False)
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def give(self, chunk: list[Item], alone: bool = False) -> list[Answer]:
+        """Send a task; what cannot be sent is answered at once."""
+        try:
+            # Not pure: the same pair asked for again is a new task, not a failure that Dask remembers.
+            future = self._client.submit(work.pairs, self._job, chunk, pure=False)
+        # A sample that cannot be sent raises whatever its parts do.
+        except Exception as error:
+            if len(chunk) > 1:
+                return [answer for item in chunk for answer in self.give([item])]
+            why = f"cannot be sent to a worker: {reason(error)}"
+            return [(chunk[0].index, Failure(chunk[0].sample.name, why))]
+        self._waiting[future] = chunk, alone
+        self._ready.add(future)
+        return []
+
+    def take(self) -> list[Answer] | _Died:
+        """What comes back next."""
+        future = next(self._ready)
+        chunk, alone = self._waiting.pop(future)
+        if future.status in ("cancelled", "lost"):
+            raise CancelledError
+        if future.status != "error":
+            found: list[Answer] = future.result()
+            return found
+        error = future.exception()
+        if isinstance(error, UnwritableError):
+            raise UnwritableError(f"{error}; {KEPT}")
+        return _Died(chunk, alone, _of_the_task(error))
+
+    def drop(self) -> None:
+        """Take back what no worker has begun."""
+        if self._waiting:
             with suppress(Exception):
-                client.cancel(list(waiting), force=True)
+                self._client.cancel(list(self._waiting), force=True)
 
 
 def _of_the_task(error: BaseException) -> str:

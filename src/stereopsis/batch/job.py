@@ -88,7 +88,7 @@ class Table:
         self._samples = samples
         self._done = done
         self._answers: list[bytes | Failure | None] = []
-        self._seen: dict[str, int] = {}
+        self._seen: dict[str, int] = {}  # by path
         self.reused = 0
         self.settled = 0
 
@@ -122,6 +122,14 @@ class Table:
         """Take in what came of a pair."""
         self._answers[index] = answer
         self.settled += 1
+
+    def catch_up(self, job: Job) -> None:
+        """Take in pairs that were finished while nobody listened."""
+        for path, index in self._seen.items():
+            if self._answers[index] is None:
+                data = job.store.read(f"{ROWS}/{path}.json")
+                if data is not None and work.record_of(data, job.run) is not None:
+                    self.enter(index, data)
 
     @property
     def taken(self) -> int:
@@ -209,6 +217,7 @@ def carry_out(
         # The rows so far, where they can still be written; the error that ended the run says more.
         with suppress(Exception):
             store.sweep()
+            table.catch_up(job)
             table.write(store, scored=job.evaluate)
         raise
     table.write(store, scored=job.evaluate)

@@ -136,15 +136,16 @@ def record_of(data: bytes | None, run: str) -> dict[str, Any] | None:
 
 def _pair(job: Job, item: Item) -> bytes | Failure:
     row_file, map_file = f"{ROWS}/{item.path}.json", f"{MAPS}/{item.path}.{job.format}"
+    name = item.sample.name
     # Its worker died after it was done, or an earlier client's worker has done it meanwhile.
     with _writing(job, row_file):
         data = job.store.read(row_file)
         before = record_of(data, job.run)
-        if data is not None and before is not None and job.store.size(map_file) == before["bytes"]:
-            return data
-    name = item.sample.name
+        there = before is not None and job.store.size(map_file) == before["bytes"]
     if before is not None and before["row"].get("name") != name:
         return Failure(name, f"its file is that of the pair {before['row'].get('name')!r} here")
+    if there and data is not None:
+        return data
     try:
         watch = _Watch()
         row, disparity = _matched(job, item, watch)

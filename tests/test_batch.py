@@ -167,11 +167,11 @@ def test_an_iterator_is_taken_only_as_workers_need_it(tmp_path: Path, client: An
 def test_tasks_grow_with_the_workers_and_shrink_at_the_end() -> None:
     pace = cluster._Pace()
     assert pace.pairs(2, None) == 1
-    pace.learn([(0, json.dumps({"seconds": {"match": 0.05}}).encode())])
-    assert pace.pairs(2, None) == 5
+    pace.learn(0.125)
+    assert pace.pairs(2, None) == 8
     assert pace.pairs(2, 12) == 2
     assert pace.pairs(2, 1) == 1
-    assert pace.pairs(500, None) == 40
+    assert pace.pairs(500, None) == 32
     assert pace.pairs(10_000, None) == cluster.LARGEST
 
 
@@ -325,14 +325,14 @@ def test_a_pair_done_meanwhile_is_not_done_again(tmp_path: Path, client: Any) ->
     identity = record.Identity.of([], SETTINGS, "png", False)
     job = work.Job(store.at(out), SETTINGS, "png", False, identity.run, identity.version)
     before = files(out)
-    ((index, answer),) = work.pairs(job, [work.Item(7, Made("a"), "a")])
+    ((index, answer),), _ = work.pairs(job, [work.Item(7, Made("a"), "a")])
     assert (index, answer) == (7, (out / "rows/a.json").read_bytes())
     assert files(out) == before
 
 
 def test_a_worker_of_another_version_does_nothing(tmp_path: Path) -> None:
     job = work.Job(store.at(tmp_path), SETTINGS, "png", False, "run", "9.9")
-    ((_, answer),) = work.pairs(job, [work.Item(0, Made("a"), "a")])
+    ((_, answer),), _ = work.pairs(job, [work.Item(0, Made("a"), "a")])
     assert isinstance(answer, batch.Failure)
     assert f"runs stereopsis {st.__version__}, the client 9.9" in answer.reason
 

@@ -31,7 +31,7 @@ pytestmark = [
 ]
 
 PAIRS = 24
-PATIENCE = 60.0
+PATIENCE = 120.0
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import time
 from collections import deque
@@ -23,10 +22,10 @@ PATIENCE: Final = 60.0
 CONNECT: Final = 10.0
 """Seconds to wait for the scheduler itself."""
 
-TASK: Final = 0.25
-"""Seconds of work that a task holds at least, where there are pairs enough."""
+TASK: Final = 1.0
+"""Seconds of work that a task holds at least, where there are pairs enough: handing it out takes some ms."""
 
-ROUND: Final = 0.002
+ROUND: Final = 0.004
 """Seconds that a scheduler is given for each task; with more workers, tasks grow."""
 
 LARGEST: Final = 64
@@ -187,8 +186,9 @@ def answers(client: Any, job: Job, items: Iterator[Item], left: Callable[[], int
                 return
             found = hands.take()
             if not isinstance(found, _Died):
-                pace.learn(found)
-                yield from found
+                answered, seconds = found
+                pace.learn(seconds / len(answered))
+                yield from answered
             elif len(found.chunk) > 1:
                 for item in found.chunk:
                     yield from hands.give([item])
@@ -242,14 +242,14 @@ class _Hands:
         self._ready.add(future)
         return []
 
-    def take(self) -> list[Answer] | _Died:
-        """What comes back next."""
+    def take(self) -> tuple[list[Answer], float] | _Died:
+        """What comes back next, and the seconds that it took."""
         future = next(self._ready)
         chunk, alone = self._waiting.pop(future)
         if future.status in ("cancelled", "lost"):
             raise CancelledError
         if future.status != "error":
-            found: list[Answer] = future.result()
+            found: tuple[list[Answer], float] = future.result()
             return found
         error = future.exception()
         if isinstance(error, UnwritableError):
@@ -282,12 +282,9 @@ class _Pace:
     def __init__(self) -> None:
         self._seconds: float | None = None
 
-    def learn(self, found: list[Answer]) -> None:
-        """Take in what pairs have just taken, the newest counting most."""
-        for _, answer in found:
-            if isinstance(answer, bytes):
-                spent = sum(json.loads(answer)["seconds"].values())
-                self._seconds = spent if self._seconds is None else 0.8 * self._seconds + 0.2 * spent
+    def learn(self, spent: float) -> None:
+        """Take in the seconds that a pair has just taken; the newest count most."""
+        self._seconds = spent if self._seconds is None else 0.8 * self._seconds + 0.2 * spent
 
     def pairs(self, threads: int, left: int | None) -> int:
         """Pairs for the next task."""

@@ -33,7 +33,7 @@ def steady() -> None:
     if getattr(batched, "time", None) is time.time:
         batched.time = steady_time
     # The deadline is the first's, the clock that it is held against the second's.
-    IOLoop.time = lambda _: steady_time()
+    IOLoop.time = lambda _: steady_time()  # type: ignore[method-assign,assignment]
 
 
 def dask_setup(worker: Any) -> None:

@@ -98,18 +98,19 @@ def columns(*, scored: bool) -> tuple[str, ...]:
     return (*own, "known", "answered", "known_density", *parts)
 
 
-def pairs(job: Job, items: Sequence[Item]) -> list[Answer]:
-    """Work through some pairs on a worker.
+def pairs(job: Job, items: Sequence[Item]) -> tuple[list[Answer], float]:
+    """Work through some pairs on a worker, and say how many seconds it took.
 
     Raises
     ------
     UnwritableError
         The results cannot be written; what was written before is kept.
     """
+    start = time.perf_counter()
     if version() != job.version:
         told = f"worker {platform.node()} runs stereopsis {version()}, the client {job.version}"
-        return [(item.index, Failure(item.sample.name, told)) for item in items]
-    return [(item.index, _pair(job, item)) for item in items]
+        return [(item.index, Failure(item.sample.name, told)) for item in items], 0.0
+    return [(item.index, _pair(job, item)) for item in items], time.perf_counter() - start
 
 
 def version() -> str:

@@ -20,6 +20,7 @@ import argparse
 import csv
 import itertools
 import json
+import math
 import os
 import pickle
 import statistics
@@ -328,7 +329,7 @@ class Pieces:
 def bounds(pieces: Pieces, cores: int) -> dict[str, float]:
     """Pairs a second that each part could do with so many cores."""
     pair = pieces.read + pieces.match + pieces.write
-    held = max(1, min(cluster.LARGEST, int(max(cluster.TASK, 2 * cores * cluster.ROUND) / pair)))
+    held = max(1, min(cluster.LARGEST, math.ceil(max(cluster.TASK, 2 * cores * cluster.ROUND) / pair)))
     return {
         "cores": cores / pair,
         "scheduler": held / pieces.task,

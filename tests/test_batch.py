@@ -28,7 +28,7 @@ from batch_data import (
     table,
 )
 from stereopsis import batch
-from stereopsis.batch import cluster, names, record, store, work
+from stereopsis.batch import cluster, job, names, record, store, work
 from stereopsis.cli import main
 from stereopsis.evaluate import Measures
 
@@ -173,6 +173,18 @@ def test_tasks_grow_with_the_workers_and_shrink_at_the_end() -> None:
     assert pace.pairs(2, 1) == 1
     assert pace.pairs(500, None) == 32
     assert pace.pairs(10_000, None) == cluster.LARGEST
+    for _ in range(40):
+        pace.learn(0.005)
+    assert pace.pairs(2, 1) == 20
+
+
+def test_rows_are_packed_and_come_back() -> None:
+    rows = job._Rows()
+    records = {number: f'{{"run":"same for all","row":{number}}}'.encode() for number in (3, 0, 7)}
+    for number, data in records.items():
+        rows.put(number, data)
+    assert list(rows) == [records[0], records[3], records[7]]
+    assert (rows.get(7), rows.get(5)) == (records[7], None)
 
 
 # Going on
@@ -323,16 +335,16 @@ def test_a_pair_done_meanwhile_is_not_done_again(tmp_path: Path, client: Any) ->
     out = tmp_path / "out"
     batch.run([Made("a")], SETTINGS, out, client)
     identity = record.Identity.of([], SETTINGS, "png", False)
-    job = work.Job(store.at(out), SETTINGS, "png", False, identity.run, identity.version)
+    asked = work.Job(store.at(out), SETTINGS, "png", False, identity.run, identity.version)
     before = files(out)
-    ((index, answer),), _ = work.pairs(job, [work.Item(7, Made("a"), "a")])
+    ((index, answer),), _ = work.pairs(asked, [work.Item(7, Made("a"), "a")])
     assert (index, answer) == (7, (out / "rows/a.json").read_bytes())
     assert files(out) == before
 
 
 def test_a_worker_of_another_version_does_nothing(tmp_path: Path) -> None:
-    job = work.Job(store.at(tmp_path), SETTINGS, "png", False, "run", "9.9")
-    ((_, answer),), _ = work.pairs(job, [work.Item(0, Made("a"), "a")])
+    asked = work.Job(store.at(tmp_path), SETTINGS, "png", False, "run", "9.9")
+    ((_, answer),), _ = work.pairs(asked, [work.Item(0, Made("a"), "a")])
     assert isinstance(answer, batch.Failure)
     assert f"runs stereopsis {st.__version__}, the client 9.9" in answer.reason
 

@@ -5,6 +5,7 @@ Faults of single files are those of the readers; tests/test_batch_chaos.py kills
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 import struct
@@ -24,6 +25,7 @@ from batch_data import OPTIONS, QUIET, SETTINGS, Made, dataset, files, in_this_p
 from stereopsis import batch
 from stereopsis.batch import record, store, work
 from stereopsis.cli import main
+from stereopsis.io import disparity as io
 
 pytest.importorskip("distributed")
 pytestmark = [pytest.mark.filterwarnings(text) for text in QUIET]
@@ -147,6 +149,18 @@ def test_disparities_that_the_format_cannot_hold(tmp_path: Path, client: Any) ->
     report = batch.run([Negative("a")], settings, tmp_path / "out", client)
     assert "write .pfm, .npy or .tif" in report.failures[0].reason
     assert batch.run([Negative("a")], settings, tmp_path / "floats", client, format="pfm").done == 1
+
+
+def test_answers_behind_infinity_cost_no_pair() -> None:
+    """Where the range begins at 0, what a sub-pixel fit puts below it is written as 0, in a PNG alone."""
+    found = np.array([[-0.3, 2.5, np.nan]], np.float32)
+    flags = np.zeros(found.shape, np.uint8)
+    seen = st.Result(found, np.zeros_like(found), flags, SETTINGS, "composed", 0.0)
+    _, stored = io.encode_disparity(work._in_front(seen, "png"), "kitti")
+    np.testing.assert_array_equal(stored, np.array([[1 / 256, 2.5, np.nan]], np.float32))
+    np.testing.assert_array_equal(work._in_front(seen, "pfm"), found)
+    negative = dataclasses.replace(seen, settings=SETTINGS.changed(disparities=(-4, 16)))
+    np.testing.assert_array_equal(work._in_front(negative, "png"), found)
 
 
 @contextmanager

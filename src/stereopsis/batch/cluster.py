@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -292,5 +293,6 @@ class _Pace:
             return 1
         wanted = max(TASK, 2 * threads * ROUND) / max(self._seconds, 1e-4)
         if left is not None:
-            wanted = min(wanted, left / (3 * threads))
-        return max(1, min(LARGEST, int(wanted)))
+            # Small ones at the end, so that all workers end together; none that is quicker done than sent.
+            wanted = min(wanted, max(left / (3 * threads), 0.1 * TASK / max(self._seconds, 1e-4)))
+        return max(1, min(LARGEST, math.ceil(wanted)))

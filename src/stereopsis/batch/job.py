@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import AbstractContextManager, suppress
 from typing import Any, Final
@@ -75,27 +76,59 @@ def finished(store: Store, job: Job) -> dict[str, bytes]:
     return done
 
 
+class _Rows:
+    """Records by number, packed: they are much alike, and there may be many."""
+
+    def __init__(self) -> None:
+        self._like = b""
+        self._packed: dict[int, bytes] = {}
+
+    def put(self, number: int, data: bytes) -> None:
+        """Keep a record; the first shows how the others look."""
+        self._like = self._like or data
+        packer = zlib.compressobj(zdict=self._like)
+        self._packed[number] = packer.compress(data) + packer.flush()
+
+    def get(self, number: int) -> bytes | None:
+        """The record of this number."""
+        packed = self._packed.get(number)
+        return None if packed is None else zlib.decompressobj(zdict=self._like).decompress(packed)
+
+    def __iter__(self) -> Iterator[bytes]:
+        """All, by their numbers."""
+        for number in sorted(self._packed):
+            data = self.get(number)
+            assert data is not None
+            yield data
+
+
 class Table:
     """What came of every pair, in the data set's order.
 
     Attributes
     ----------
+    taken : int
+        Pairs of the data set that were looked at.
     reused : int
-        Pairs that an earlier run had finished.
+        Those that an earlier run had finished.
+    settled : int
+        Those with a result or a failure.
     """
 
     def __init__(self, samples: Iterable[Any], done: dict[str, bytes]) -> None:
         self._samples = samples
         self._done = done
-        self._answers: list[bytes | Failure | None] = []
         self._seen: dict[str, int] = {}  # by path
+        self._rows = _Rows()
+        self._failures: dict[int, Failure] = {}
+        self.taken = 0
         self.reused = 0
         self.settled = 0
 
     def items(self) -> Iterator[Item]:
         """The pairs that are left, one after the other; the others are entered here."""
         for index, sample in enumerate(self._samples):
-            self._answers.append(None)
+            self.taken = index + 1
             name = sample.name
             try:
                 path = names.escaped(name)
@@ -120,32 +153,28 @@ class Table:
 
     def enter(self, index: int, answer: bytes | Failure) -> None:
         """Take in what came of a pair."""
-        self._answers[index] = answer
+        if isinstance(answer, Failure):
+            self._failures[index] = answer
+        else:
+            self._rows.put(index, answer)
         self.settled += 1
 
     def catch_up(self, job: Job) -> None:
         """Take in pairs that were finished while nobody listened."""
         for path, index in self._seen.items():
-            if self._answers[index] is None:
+            if index not in self._failures and self._rows.get(index) is None:
                 data = job.store.read(f"{ROWS}/{path}.json")
                 if data is not None and work.record_of(data, job.run) is not None:
                     self.enter(index, data)
 
     @property
-    def taken(self) -> int:
-        """Pairs of the data set that were looked at."""
-        return len(self._answers)
-
-    @property
     def failures(self) -> list[Failure]:
         """Pairs without a result."""
-        return [answer for answer in self._answers if isinstance(answer, Failure)]
+        return [self._failures[index] for index in sorted(self._failures)]
 
     def records(self) -> Iterator[dict[str, Any]]:
         """The records of finished pairs."""
-        for answer in self._answers:
-            if isinstance(answer, bytes):
-                yield json.loads(answer)
+        return map(json.loads, self._rows)
 
     def write(self, store: Store, *, scored: bool) -> None:
         """Write the three tables."""

@@ -21,7 +21,7 @@ from stereopsis.io._errors import reason
 from stereopsis.io.disparity import encode_disparity
 from stereopsis.pipeline import match
 from stereopsis.settings import Settings
-from stereopsis.types import Flag, Result
+from stereopsis.types import DisparityMap, Flag, Result
 
 FORMATS: Final = {"png": "kitti", "pfm": "pfm", "npy": "npy", "tif": "tiff", "tiff": "tiff"}
 """Suffixes of the maps, and what `stereopsis.io.write_disparity` calls them."""
@@ -211,7 +211,7 @@ def _matched(job: Job, item: Item, watch: _Watch) -> tuple[Row, bytes]:
     watch.lap("read")
     result = match(pair, settings=_limited(job.settings))
     watch.lap("match")
-    data, stored = encode_disparity(result.disparity, FORMATS[job.format])
+    data, stored = encode_disparity(_in_front(result, job.format), FORMATS[job.format])
     row = _facts(result)
     watch.lap("write")
     if truth is not None:
@@ -219,6 +219,14 @@ def _matched(job: Job, item: Item, watch: _Watch) -> tuple[Row, bytes]:
         row |= _scores(evaluate(stored, truth, mask))
         watch.lap("evaluate")
     return row, data
+
+
+def _in_front(result: Result, format: str) -> DisparityMap:
+    """The map without what a sub-pixel fit has put behind infinity, where the range begins there."""
+    chosen = result.settings.disparities
+    if format != "png" or chosen is None or chosen.min < 0:
+        return result.disparity
+    return np.maximum(result.disparity, np.float32(0))
 
 
 def _scores(scores: Scores) -> Row:

@@ -41,6 +41,7 @@ import psutil
 import stereopsis as st
 from stereopsis import batch
 from stereopsis.batch import cluster, work
+from stereopsis.io.formats import png
 
 SMALL = (96, 40)
 """Width and height of the generated pairs."""
@@ -56,9 +57,11 @@ def generated(folder: Path, count: int) -> Path:
     for number in range(count):
         shift = 3 + number % 7
         texture = np.random.default_rng(number).integers(0, 256, (height, width + shift), np.uint8)
-        st.write_image(folder / f"{number:06}-left.png", texture[:, :width])
-        st.write_image(folder / f"{number:06}-right.png", texture[:, shift:])
-        st.write_disparity(folder / f"{number:06}-disparity.png", np.full((height, width), shift, np.float32))
+        truth = np.full((height, width), 256 * shift, np.uint16)
+        views = {"left": texture[:, :width], "right": texture[:, shift:], "disparity": truth}
+        for view, pixels in views.items():
+            # Not by way of the disk, as st.write_image does: there are many.
+            (folder / f"{number:06}-{view}.png").write_bytes(png.encode(np.ascontiguousarray(pixels)))
     return folder
 
 

@@ -164,6 +164,25 @@ def test_an_iterator_is_taken_only_as_workers_need_it(tmp_path: Path, client: An
     assert [row["name"] for row in table(tmp_path / "out")] == [f"{number:03}" for number in range(300)]
 
 
+def test_progress_is_told_and_tables_are_written_meanwhile(
+    tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(job, "INTERVAL", 0.0)
+    told: list[tuple[int, int | None]] = []
+    lines: list[int] = []
+
+    def progress(finished: int, total: int | None, what: str) -> None:
+        told.append((finished, total))
+        written = tmp_path / "out/results.csv"
+        lines.append(len(table(tmp_path / "out")) if written.exists() else 0)
+
+    samples = [Made(f"{n}", n, "broken" if n == 8 else "") for n in range(9)]
+    batch.run(samples, SETTINGS, tmp_path / "out", client, progress=progress)
+    assert told == [(n, 9) for n in range(10)]
+    assert any(0 < count < 8 for count in lines)
+    assert len(table(tmp_path / "out")) == 8
+
+
 def test_tasks_grow_with_the_workers_and_shrink_at_the_end() -> None:
     pace = cluster._Pace()
     assert pace.pairs(2, None) == 1

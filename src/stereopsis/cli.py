@@ -491,8 +491,10 @@ def batch(dataset: Path, out: str, settings: Settings, evaluate: bool, as_json: 
     except KeyboardInterrupt:
         click.echo(f"stereopsis: what is finished is kept in {out}; the same command goes on", err=True)
         raise
-    for failure in report.failures:
+    for failure in report.failures[:10]:
         click.echo(f"stereopsis: no result: {failure.name!r}: {failure.reason}", err=True)
+    if len(report.failures) > 10:
+        click.echo(f"stereopsis: and {len(report.failures) - 10} more in failures.csv", err=True)
     if as_json:
         _print_json(dataclasses.asdict(report))
     else:

@@ -75,7 +75,9 @@ def processes(folder: Path, workers: int) -> Iterator[tuple[str, dict[str, Any]]
     told.unlink(missing_ok=True)
     common = ["--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0"]
     module = [sys.executable, "-m"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    # As docs/batch.md starts them: an hour of Dask's profile would be kept, and grow so long.
+    environment = os.environ | {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
     scheduler = [*module, "distributed.cli.dask_scheduler", *common, "--port", "0", "--no-show"]
     running = [subprocess.Popen([*scheduler, "--scheduler-file", told], **quiet)]
     try:

@@ -113,14 +113,20 @@ def killed(process: subprocess.Popen[str]) -> None:
     until(lambda: gone(family), "gone with their client")
 
 
-def goes_on(data: Path, out: Path, expected: bytes, *options: object) -> None:
-    """Give the same command again: it computes what is missing and nothing else."""
+def goes_on(data: Path, out: Path, expected: bytes, *, command_line: bool = False) -> None:
+    """Run again: what is missing is computed and nothing else."""
     before = files(out)
     kept = finished(out)
-    done = subprocess.run(command(data, out, "--json", *options), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
-    assert (report["done"], report["reused"]) == (PAIRS, kept)
+    if command_line:
+        asked = command(data, out, "--workers", "1", "--json")
+        done = subprocess.run(asked, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        report = json.loads(done.stdout)
+        assert (report["done"], report["reused"]) == (PAIRS, kept)
+    else:
+        with in_this_process() as client:
+            again = batch.run(st.datasets.open(data), SETTINGS, out, client)
+        assert (again.done, again.reused) == (PAIRS, kept)
     assert before.items() <= files(out).items(), "a finished pair was computed again"
     assert (out / "results.csv").read_bytes() == expected
     assert leftovers(out) == []
@@ -160,7 +166,7 @@ def test_killed_client(data: Path, expected: bytes, tmp_path: Path) -> None:
             until(lambda some=some: finished(out) > some + 1, "two more pairs")
             killed(client)
         assert finished(out) < PAIRS
-    goes_on(data, out, expected, "--workers", "1")
+    goes_on(data, out, expected, command_line=True)
 
 
 def test_killed_worker(data: Path, expected: bytes, tmp_path: Path) -> None:
@@ -193,7 +199,7 @@ def test_killed_scheduler(data: Path, expected: bytes, tmp_path: Path) -> None:
         assert f"the Dask scheduler {address} is gone; what is finished is kept" in complaint
     assert 3 <= finished(out) < PAIRS
     assert 3 <= len(table(out)) < PAIRS, "the rows so far"
-    goes_on(data, out, expected, "--workers", "1")
+    goes_on(data, out, expected)
 
 
 def test_killed_worker_of_a_cluster(data: Path, expected: bytes, tmp_path: Path) -> None:
@@ -233,7 +239,7 @@ def test_interrupted_client(data: Path, expected: bytes, tmp_path: Path) -> None
     assert [line.partition(":")[0] for line in complaint.splitlines()] == ["stereopsis"] * 2
     assert "the same command goes on" in complaint
     assert len(table(out)) == finished(out) < PAIRS
-    goes_on(data, out, expected, "--workers", "1")
+    goes_on(data, out, expected)
 
 
 def test_yanked_folder(data: Path, expected: bytes, tmp_path: Path) -> None:
@@ -250,7 +256,7 @@ def test_yanked_folder(data: Path, expected: bytes, tmp_path: Path) -> None:
     assert not out.exists()
     assert 3 <= finished(away) < PAIRS
     away.rename(out)
-    goes_on(data, out, expected, "--workers", "1")
+    goes_on(data, out, expected)
 
 
 @contextmanager
@@ -285,7 +291,7 @@ def test_full_disk(data: Path, expected: bytes, tmp_path: Path) -> None:
         assert 0 < finished(out) < PAIRS
         assert leftovers(out) == []
         subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)
-        goes_on(data, out, expected, "--workers", "1")
+        goes_on(data, out, expected)
 
 
 def test_files_may_not_grow(tmp_path: Path) -> None:
@@ -313,7 +319,7 @@ def test_files_may_not_grow(tmp_path: Path) -> None:
     assert "File too large" in complaint
     assert finished(out) == PAIRS - 4
     assert leftovers(out) == []
-    goes_on(data, out, (tmp_path / "expected/results.csv").read_bytes(), "--workers", "1")
+    goes_on(data, out, (tmp_path / "expected/results.csv").read_bytes())
 
 
 # Real time plus the seconds that a file holds, for a process and all that it starts.

@@ -85,10 +85,12 @@ def _quiet() -> Iterator[None]:
 @contextmanager
 def local(workers: int) -> Iterator[Any]:
     """A client of processes of this machine, one thread each; one that is killed is started again."""
+    import dask
     from distributed import Client, LocalCluster
 
     preload.steady()
-    with _quiet():
+    # Dask profiles its workers; an hour of that is kept, and it is all that would grow in them.
+    with _quiet(), dask.config.set({"distributed.worker.profile.enabled": False}):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

@@ -234,7 +234,7 @@ class _Hands:
         """Send a task; what cannot be sent is answered at once."""
         try:
             # Not pure: the same pair asked for again is a new task, not a failure that Dask remembers.
-            future = self._client.submit(work.pairs, self._job, chunk, pure=False)
+            future = self._client.submit(work.packed, work.pack(self._job, chunk), pure=False)
         # A sample that cannot be sent raises whatever its parts do.
         except Exception as error:
             if len(chunk) > 1:

@@ -113,6 +113,25 @@ def pairs(job: Job, items: Sequence[Item]) -> tuple[list[Answer], float]:
     return [(item.index, _pair(job, item)) for item in items], time.perf_counter() - start
 
 
+def packed(data: bytes) -> tuple[list[Answer], float]:
+    """`pairs` of a job and its items that `pack` has put together.
+
+    Opaque to the scheduler, which then holds little and need not know the samples' classes.
+    """
+    from distributed.protocol import pickle
+
+    job, items = pickle.loads(data)
+    return pairs(job, items)
+
+
+def pack(job: Job, items: Sequence[Item]) -> bytes:
+    """The argument of `packed`; raises whatever a sample that cannot be pickled raises."""
+    from distributed.protocol import pickle
+
+    data: bytes = pickle.dumps((job, items))
+    return data
+
+
 def version() -> str:
     """The version of this package."""
     text: str = sys.modules[__name__.partition(".")[0]].__version__

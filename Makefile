@@ -91,7 +91,7 @@ $(BIN)/python:
 $(VENV)/.user: $(BIN)/python $(CORE)
 	@if [ -e $(VENV)/.dev ]; \
 		then $(PIP) install --no-build-isolation --no-deps --editable .; \
-		else $(PIP) install --editable '.[study,view]'; fi
+		else $(PIP) install --editable '.[study,view,cluster]'; fi
 	@touch $@
 
 $(VENV)/.dev: $(BIN)/python pyproject.toml

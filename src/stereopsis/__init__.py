@@ -1,6 +1,6 @@
 """Disparity maps that can be trusted, from rectified stereo pairs."""
 
-from stereopsis import colormaps, datasets, io, plot, scenes, tiling
+from stereopsis import batch, colormaps, datasets, io, plot, scenes, tiling
 from stereopsis.evaluate import Scores, error_map, evaluate
 from stereopsis.io import (
     depth,
@@ -73,6 +73,7 @@ __all__ = [
     "Sparsification",
     "Swap",
     "Vertical",
+    "batch",
     "colormaps",
     "datasets",
     "depth",

@@ -34,7 +34,7 @@ REFUSED = 2
 """Exit code when what was asked for cannot be done."""
 
 INCOMPLETE = 3
-"""Exit code when some of a study's pairs could not be measured."""
+"""Exit code when some pairs of a study or a batch have no result."""
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as a shell has it."""
@@ -213,6 +213,7 @@ def commands(ctx: click.Context) -> None:
       stereopsis evaluate disparity.png truth.png
       stereopsis view
       stereopsis info disparity.png
+      stereopsis batch DATASET -o out
       stereopsis bench accuracy DATASET
     """
     if ctx.invoked_subcommand is None:
@@ -550,6 +551,62 @@ def _view(
 
     target = view_.open_target(paths, settings=settings, **files)
     view_.serve(target, host=host, port=port, ready=ready)
+
+
+@commands.command()
+@click.argument("dataset", type=click.Path(exists=True, path_type=Path))
+@click.option("-o", "--output", "out", required=True, help="A folder, or a URL such as s3://bucket/run.")
+@_choices
+@click.option("--evaluate", is_flag=True, help="Score the pairs that have truth.")
+@click.option("--format", metavar="SUFFIX", default="png", show_default=True, help="png, pfm, npy or tiff.")
+@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler's, such as tcp://host:8786.")
+@click.option("--workers", type=int, help="Processes of this machine; by default one for each core.")
+@click.option("--resume/--no-resume", default=True, help="Go on with the run in OUT; the default.")
+@click.option("--overwrite", is_flag=True, help="Remove the run in OUT, whatever it is.")
+@_json
+def batch(dataset: Path, out: str, settings: Settings, evaluate: bool, as_json: bool, **given: Any) -> int:
+    """Match every pair of a data set, on all cores or on a Dask cluster.
+
+    \b
+      stereopsis batch DATASET -o out --preset balanced
+      stereopsis batch DATASET -o out --preset balanced --evaluate
+      stereopsis batch DATASET -o out --preset balanced --scheduler tcp://host:8786
+
+    OUT gets disparity/NAME.png, results.csv, timings.csv, failures.csv and run.toml. Each pair is kept as
+    soon as it is done: the same command goes on where an earlier one was stopped. The exit code is 3 when
+    some pair has no result.
+    """
+    from stereopsis import batch as batch_
+    from stereopsis import datasets
+
+    try:
+        batch_.require()
+    except ModuleNotFoundError as error:
+        raise click.ClickException(str(error)) from None
+    samples = datasets.open(dataset)
+    try:
+        with _progress("pairs") as advance:
+            report = batch_.run(
+                samples, settings, out, evaluate=evaluate, progress=cast(Any, advance), **given
+            )
+    except KeyboardInterrupt:
+        click.echo(f"stereopsis: what is finished is kept in {out}; the same command goes on", err=True)
+        raise
+    for failure in report.failures[:10]:
+        click.echo(f"stereopsis: no result: {failure.name!r}: {failure.reason}", err=True)
+    if len(report.failures) > 10:
+        click.echo(f"stereopsis: and {len(report.failures) - 10} more in failures.csv", err=True)
+    if as_json:
+        _print_json(dataclasses.asdict(report))
+    else:
+        shown = {name: value for name, value in report.means.items() if name in _SHOWN}
+        facts = {name: getattr(report, name) for name in ("out", "pairs", "done", "reused", "seconds")}
+        _print_facts({**facts, "failed": len(report.failures), **shown})
+    return INCOMPLETE if report.failures else 0
+
+
+_SHOWN = ("density", "own_d1", "own_epe", "filled_d1", "filled_bad_2", "filled_epe", "filled_rmse")
+"""What the command line tells of a data set's scores; ``--json`` tells all."""
 
 
 @commands.group(cls=_Commands, invoke_without_command=True)

@@ -20,3 +20,10 @@ def naming(path: StrPath) -> Iterator[None]:
         if type(error) is not ValueError:
             reason = f"damaged or not supported ({type(error).__name__}: {reason})"
         raise ValueError(f"{fspath(path)}: {reason}") from error
+
+
+def reason(error: BaseException) -> str:
+    """Why something failed, in one line."""
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split()) or type(error).__name__

@@ -68,7 +68,7 @@ def as_disparity(raster: Raster, format: str | None = None) -> DisparityMap:
             raise ValueError(
                 f"format {format!r} is {bits}-bit grey, but this is a {raster.format} of {pixels.dtype}"
             )
-        disparity = np.where(pixels == 0, np.float32(np.nan), (pixels / divisor).astype(np.float32))
+        disparity = _from_fixed_point(pixels, divisor)
     if np.isnan(disparity).all():
         raise ValueError("holds no disparity: every pixel is invalid")
     return disparity
@@ -104,8 +104,19 @@ def write_disparity(path: StrPath, disparity: DisparityMap, format: str | None =
     """
     disparity = check_disparity(disparity)
     with naming(path):
-        data = _encode(disparity, _format_for(path) if format is None else format)
+        data, _ = encode_disparity(disparity, _format_for(path) if format is None else format)
     write_bytes(path, data)
+
+
+def encode_disparity(disparity: DisparityMap, format: str) -> tuple[bytes, DisparityMap]:
+    """The bytes that `write_disparity` writes, and the map that `read_disparity` makes of them."""
+    disparity = check_disparity(disparity)
+    divisor = _divisor(format)
+    if divisor is None:
+        return _encode(disparity, format), disparity
+    depth = np.uint8 if format.startswith("middlebury") else np.uint16
+    fixed = _fixed_point(disparity, divisor, np.dtype(depth))
+    return png.encode(fixed), _from_fixed_point(fixed, divisor)
 
 
 def check_disparity(disparity: DisparityMap) -> DisparityMap:
@@ -190,10 +201,6 @@ def _divisor(format: str) -> float | None:
 
 
 def _encode(disparity: DisparityMap, format: str) -> bytes:
-    divisor = _divisor(format)
-    if divisor is not None:
-        depth = np.uint8 if format.startswith("middlebury") else np.uint16
-        return png.encode(_fixed_point(disparity, divisor, np.dtype(depth)))
     match format:
         case "pfm":
             return pfm.encode(np.where(np.isnan(disparity), np.float32(np.inf), disparity))
@@ -201,6 +208,10 @@ def _encode(disparity: DisparityMap, format: str) -> bytes:
             return npy.encode(disparity)
         case _:
             return tiff.encode(disparity)
+
+
+def _from_fixed_point(pixels: npt.NDArray[Any], divisor: float) -> DisparityMap:
+    return np.where(pixels == 0, np.float32(np.nan), (pixels / divisor).astype(np.float32))
 
 
 def _fixed_point(disparity: DisparityMap, scale: float, dtype: np.dtype[Any]) -> npt.NDArray[Any]:

@@ -21,6 +21,7 @@ from typing import Any, BinaryIO, Final, TypeAlias
 import numpy as np
 
 from stereopsis import _core
+from stereopsis.io._errors import reason
 from stereopsis.pipeline import match
 from stereopsis.study import published
 from stereopsis.study.measure import Row, measure, strata
@@ -32,6 +33,10 @@ ASIDE: Final = (
     "__main__.py",
     "cli.py",
     "demo.py",
+    *(
+        f"batch/{name}.py"
+        for name in ("__init__", "cluster", "job", "names", "preload", "record", "store", "work")
+    ),
     *(f"bench/{name}.py" for name in ("__init__", "accuracy", "methods", "opencv", "speed")),
     *(f"study/{name}.py" for name in ("figures", "methods", "page", "plan", "sections", "tables")),
 )
@@ -201,14 +206,8 @@ def _digests(sources: Sequence[Source]) -> tuple[dict[Source, str], list[Failed]
         try:
             digests[source] = source.digest()
         except (OSError, ValueError) as error:
-            failed.append(Failed(source.name, None, _reason(error)))
+            failed.append(Failed(source.name, None, reason(error)))
     return digests, failed
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, OSError) and error.filename:
-        return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 @dataclass
@@ -238,7 +237,7 @@ class _Bench:
             row = self._row(task, self.subject)
         # One setting that cannot be run must not stop the rest; it is reported at the end.
         except Exception as error:
-            return Failed(task.source.name, task.setting.setting, _reason(error)), 0.0
+            return Failed(task.source.name, task.setting.setting, reason(error)), 0.0
         return row, time.perf_counter() - start
 
     def _read(self, source: Source, digest: str) -> _Subject | Failed:
@@ -248,7 +247,7 @@ class _Bench:
                 raise ValueError("its files changed while the study ran; run it again")
             return _Subject(known, dict(strata(known)))
         except Exception as error:
-            return Failed(source.name, None, _reason(error))
+            return Failed(source.name, None, reason(error))
 
     def _row(self, task: Task, subject: _Subject) -> Row:
         known = subject.known

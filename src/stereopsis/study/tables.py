@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
@@ -16,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis.io.atomic import write_bytes
+from stereopsis.io.table import as_csv
 from stereopsis.study import published
 from stereopsis.study.job import Done
 from stereopsis.study.measure import COLUMNS, MEASURES
@@ -233,13 +233,13 @@ def write_tables(path: Path, rows: Rows) -> None:
 def write_results(path: Path, done: Sequence[Done]) -> None:
     """Write one line a (pair, setting); a float is written so that reading it gives the same bits."""
     head = (*IDENTITY, *COLUMNS)
-    _write_csv(path, head, ([_plain(value) for value in record.values()] for record in records(done)))
+    write_bytes(path, as_csv(head, (record.values() for record in records(done))))
 
 
 def write_timings(path: Path, done: Sequence[Done]) -> None:
     """Write how long each row took when it was measured, matching and measuring together."""
-    lines = ([*(_plain(item.task.columns()[name]) for name in IDENTITY), repr(item.seconds)] for item in done)
-    _write_csv(path, (*IDENTITY, "seconds"), lines)
+    lines = ([*(item.task.columns()[name] for name in IDENTITY), item.seconds] for item in done)
+    write_bytes(path, as_csv((*IDENTITY, "seconds"), lines))
 
 
 def write_parquet(path: Path, done: Sequence[Done]) -> bool:
@@ -270,15 +270,3 @@ def records(done: Sequence[Done]) -> Iterable[dict[str, Any]]:
     """Each row as one flat mapping with every column, None where it has no value."""
     for item in done:
         yield {**item.task.columns(), **{column: item.row.get(column) for column in COLUMNS}}
-
-
-def _plain(value: Any) -> str:
-    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
-
-
-def _write_csv(path: Path, head: Sequence[str], lines: Iterable[Sequence[str]]) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(lines)
-    write_bytes(path, text.getvalue().encode())

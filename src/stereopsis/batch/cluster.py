@@ -1,0 +1,300 @@
+"""Dask: workers of this machine, a scheduler elsewhere, and pairs handed out a few at a time."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from itertools import islice
+from typing import Any, Final, NamedTuple
+
+from stereopsis.batch import preload, work
+from stereopsis.batch.work import Answer, Failure, Item, Job, UnwritableError
+from stereopsis.io._errors import reason
+
+PATIENCE: Final = 60.0
+"""Seconds to wait for a scheduler's first worker."""
+
+CONNECT: Final = 10.0
+"""Seconds to wait for the scheduler itself."""
+
+TASK: Final = 1.0
+"""Seconds of work that a task holds at least, where there are pairs enough: handing it out takes some ms."""
+
+ROUND: Final = 0.004
+"""Seconds that a scheduler is given for each task; with more workers, tasks grow."""
+
+LARGEST: Final = 64
+"""Pairs in a task at most: what a client has to hold of each is small, and so is what it waits for."""
+
+
+KEPT: Final = "what is finished is kept, and the same run again goes on"
+
+
+class LostError(ConnectionError):
+    """The scheduler is gone."""
+
+
+def require() -> None:
+    """Check that what the extra ``cluster`` brings is installed.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        Something is missing; names it and the extra.
+    """
+    missing = [name for name in ("dask", "distributed", "fsspec") if find_spec(name) is None]
+    if missing:
+        raise ModuleNotFoundError(
+            f"batch needs {', '.join(missing)}: install it with python -m pip install 'stereopsis[cluster]'"
+        )
+
+
+def cores() -> int:
+    """Cores that this process may use, as its affinity and its control group say."""
+    from dask.system import cpu_count
+
+    return max(1, int(cpu_count()))
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No log of Dask's on the terminal: whatever ends a run is said in one sentence."""
+    import distributed  # noqa: F401, sets the levels of its own loggers up
+
+    names = [
+        name
+        for name in logging.root.manager.loggerDict
+        if name.partition(".")[0] in ("distributed", "tornado")
+    ]
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
+@contextmanager
+def local(workers: int) -> Iterator[Any]:
+    """A client of processes of this machine, one thread each; one that is killed is started again."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    preload.steady()
+    # Dask profiles its workers; an hour of that is kept, and it is all that would grow in them.
+    with _quiet(), dask.config.set({"distributed.worker.profile.enabled": False}):
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
+            silence_logs=logging.CRITICAL,
+            preload=[preload.__name__],
+        )
+        try:
+            with Client(cluster) as client:
+                yield client
+        finally:
+            cluster.close()
+
+
+@contextmanager
+def connected(scheduler: str) -> Iterator[Any]:
+    """A client of a scheduler that runs already.
+
+    Raises
+    ------
+    ConnectionError
+        Nobody answers there, or no worker is there.
+    """
+    from distributed import Client
+
+    preload.steady()
+    with _quiet():
+        try:
+            client = Client(scheduler, timeout=CONNECT)
+        except (OSError, ValueError, TypeError) as error:
+            # Dask names the addresses and the errors beneath at length.
+            why = "nobody answers" if isinstance(error, OSError) else reason(error)
+            raise ConnectionError(f"no Dask scheduler at {scheduler}: {why}") from None
+        try:
+            yield client
+        finally:
+            with suppress(Exception):
+                client.close(timeout=2)
+
+
+def threads_of(client: Any, patience: float = PATIENCE) -> int:
+    """Threads of all workers, waiting for the first."""
+    until = time.monotonic() + patience
+    while True:
+        threads = sum(client.nthreads().values())
+        if threads:
+            return int(threads)
+        if time.monotonic() > until:
+            raise ConnectionError(
+                f"no worker has joined {client.scheduler.address} in {patience:.0f} seconds"
+            )
+        time.sleep(0.1)
+
+
+def answers(client: Any, job: Job, items: Iterator[Item], left: Callable[[], int | None]) -> Iterator[Answer]:
+    """Hand out pairs and yield what comes of them, in the order in which it comes.
+
+    Only so many pairs are at the workers at once that these have something to do: what is held does not grow
+    with the data set.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        Where the workers are.
+    job : Job
+        What is the same for every pair.
+    items : iterator of Item
+        The pairs, asked for when a worker can take them.
+    left : callable
+        How many pairs are still to be handed out; None where nobody knows.
+
+    Raises
+    ------
+    UnwritableError
+        The results cannot be written.
+    LostError
+        The scheduler is gone.
+    """
+    from distributed.comm import CommClosedError
+
+    hands = _Hands(client, job)
+    suspects: deque[Item] = deque()
+    pace = _Pace()
+    try:
+        threads, counted = threads_of(client), time.monotonic()
+        while True:
+            while len(hands) < 2 * threads + 1 and (
+                chunk := list(islice(items, pace.pairs(threads, left())))
+            ):
+                yield from hands.give(chunk)
+            if not hands and suspects:
+                yield from hands.give([suspects.popleft()], alone=True)
+            if not hands:
+                return
+            found = hands.take()
+            if not isinstance(found, _Died):
+                answered, seconds = found
+                pace.learn(seconds / len(answered))
+                yield from answered
+            elif len(found.chunk) > 1:
+                for item in found.chunk:
+                    yield from hands.give([item])
+            elif not found.alone:
+                # Its worker died, perhaps of another pair that waited there.
+                suspects.extend(found.chunk)
+            else:
+                yield found.chunk[0].index, Failure(found.chunk[0].sample.name, found.reason)
+            if time.monotonic() - counted > 10:
+                threads, counted = threads_of(client, patience=float("inf")), time.monotonic()
+    except (CancelledError, CommClosedError):
+        raise LostError(f"the Dask scheduler {_address(client)} is gone; {KEPT}") from None
+    finally:
+        hands.drop()
+
+
+class _Died(NamedTuple):
+    """A task over which workers died, or that they cannot take."""
+
+    chunk: list[Item]
+    alone: bool
+    reason: str
+
+
+class _Hands:
+    """Tasks that are at the workers."""
+
+    def __init__(self, client: Any, job: Job) -> None:
+        from distributed import as_completed
+
+        self._client = client
+        self._job = job
+        self._waiting: dict[Any, tuple[list[Item], bool]] = {}
+        self._ready = as_completed(raise_errors=False)
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def give(self, chunk: list[Item], alone: bool = False) -> list[Answer]:
+        """Send a task; what cannot be sent is answered at once."""
+        try:
+            # Not pure: the same pair asked for again is a new task, not a failure that Dask remembers.
+            future = self._client.submit(work.packed, work.pack(self._job, chunk), pure=False)
+        # A sample that cannot be sent raises whatever its parts do.
+        except Exception as error:
+            if len(chunk) > 1:
+                return [answer for item in chunk for answer in self.give([item])]
+            why = f"cannot be sent to a worker: {reason(error)}"
+            return [(chunk[0].index, Failure(chunk[0].sample.name, why))]
+        self._waiting[future] = chunk, alone
+        self._ready.add(future)
+        return []
+
+    def take(self) -> tuple[list[Answer], float] | _Died:
+        """What comes back next, and the seconds that it took."""
+        future = next(self._ready)
+        chunk, alone = self._waiting.pop(future)
+        if future.status in ("cancelled", "lost"):
+            raise CancelledError
+        if future.status != "error":
+            found: tuple[list[Answer], float] = future.result()
+            return found
+        error = future.exception()
+        if isinstance(error, UnwritableError):
+            raise UnwritableError(f"{error}; {KEPT}")
+        return _Died(chunk, alone, _of_the_task(error))
+
+    def drop(self) -> None:
+        """Take back what no worker has begun."""
+        if self._waiting:
+            with suppress(Exception):
+                self._client.cancel(list(self._waiting), force=True)
+
+
+def _of_the_task(error: BaseException) -> str:
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        return f"{error.allowed_failures + 1} workers died over it, as they do when memory runs out"
+    return reason(error)
+
+
+def _address(client: Any) -> str:
+    scheduler = getattr(client, "scheduler", None)
+    return str(getattr(scheduler, "address", "")) or "of the run"
+
+
+class _Pace:
+    """How many pairs a task holds: some work for each, and little at the end."""
+
+    def __init__(self) -> None:
+        self._seconds: float | None = None
+
+    def learn(self, spent: float) -> None:
+        """Take in the seconds that a pair has just taken; the newest count most."""
+        self._seconds = spent if self._seconds is None else 0.8 * self._seconds + 0.2 * spent
+
+    def pairs(self, threads: int, left: int | None) -> int:
+        """Pairs for the next task."""
+        if self._seconds is None:
+            return 1
+        wanted = max(TASK, 2 * threads * ROUND) / max(self._seconds, 1e-4)
+        if left is not None:
+            # Small ones at the end, so that all workers end together; none that is quicker done than sent.
+            wanted = min(wanted, max(left / (3 * threads), 0.1 * TASK / max(self._seconds, 1e-4)))
+        return max(1, min(LARGEST, math.ceil(wanted)))

@@ -113,7 +113,7 @@ export class Space {
     this.count = count;
     this.depths = depthsOf(places, count);
     this.#resize();
-    if (this.surface.visible) this.#weave();
+    if (this.woven) this.#weave();
     this.draw();
   }
 
@@ -156,7 +156,8 @@ export class Space {
   set shape(shape) {
     this.points.visible = shape === "points";
     this.surface.visible = shape === "surface";
-    if (this.surface.visible && this.grid && !this.surface.geometry.index) this.#weave();
+    this.woven = this.surface.visible;
+    if (this.woven && this.grid && !this.surface.geometry.index) this.#weave();
     this.draw();
   }
 
@@ -248,7 +249,10 @@ export class Space {
     gl.flush();
   }
 
+  /** Draw a part of the points; of a surface that cannot be drawn fluently, its points stand in. */
   #show(part) {
+    this.surface.visible = Boolean(this.woven) && part > 0.5;
+    this.points.visible = !this.surface.visible;
     this.points.geometry.setDrawRange(0, Math.ceil(part * (this.count ?? 0)));
     this.uniforms.scale.value = (this.grid?.step ?? 1) / Math.sqrt(part);
     this.drawNow();

@@ -67,7 +67,7 @@ def refuse(capsys: Capture, *arguments: str) -> str:
 class TestHelp:
     def test_everything_is_listed(self, capsys: Capture) -> None:
         out = run(capsys, "--help")
-        names = ["match", "evaluate", "info", "demo", "study", "view", "bench"]
+        names = ["match", "evaluate", "info", "demo", "study", "view", "batch", "bench"]
         assert [line.split()[0] for line in out.partition("Commands:\n")[2].splitlines()] == names
 
     def test_no_command_is_a_question(self, capsys: Capture) -> None:

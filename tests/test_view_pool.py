@@ -24,8 +24,19 @@ STOPS_WITHIN = 0.5
 SLACK = 0.5
 
 
+BEFORE: set[int] = set()
+"""Processes that other tests have started and left."""
+
+
+@pytest.fixture(autouse=True)
+def alone() -> None:
+    BEFORE.clear()
+    BEFORE.update(child.pid for child in psutil.Process().children(recursive=True))
+
+
 def _children() -> list[psutil.Process]:
-    return [child for child in psutil.Process().children(recursive=True) if child.is_running()]
+    children = psutil.Process().children(recursive=True)
+    return [child for child in children if child.is_running() and child.pid not in BEFORE]
 
 
 def _pool(size: int = 1, waiting: int = 8, memory: int = 2 * GIB, held: int = GIB) -> Pool:

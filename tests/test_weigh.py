@@ -35,7 +35,7 @@ def images(seed, shape, dtype, levels=256):
 
 
 def volume(support, kind, pair, disparities, sampling=EVERY, threads=1):
-    return weigh.volume(support, kind, *pair, Disparities(*disparities), sampling, threads)
+    return weigh.volume(support, kind, *pair[:3], Disparities(*disparities), sampling, threads)
 
 
 def assert_is_definition(support, kind, pair, disparities, sampling=EVERY, threads=1):

@@ -115,7 +115,9 @@ def _paths(settings: Settings, span: int) -> float:
     solver = cast(sgm.SGM, settings.optimize)
     strings = 16 * -(-cast(pixelwise.Census, settings.cost).most // 64)
     notes = 0.18 if solver.paths <= 4 else 0.45 * max(1, solver.paths / 8)
-    return strings + OUT + 24 + notes * span
+    # Another pass along the ground holds the first one's winners beside its own.
+    ground = 8 + OUT + 6 if settings.slant is not None else 0
+    return strings + OUT + 5 + ground + notes * span
 
 
 def _merged(settings: Settings, channels: int, wide: int) -> float:
@@ -145,10 +147,10 @@ def _volumes(settings: Settings, span: int, channels: int, wide: int) -> float:
 def _after(settings: Settings, channels: int, wide: int) -> float:
     """Beside the images and the result, at the most demanding of the stages after matching."""
     narrow = 4 * channels if wide == 1 else 0
-    rows = 25.0
+    filled = 5.0
     stages = [1.0]
     if settings.texture is not None:
-        stages.append(4 + narrow)
+        stages.append(5)
     match settings.subpixel:
         case "symmetric":
             stages.append(48.0 * channels)
@@ -159,15 +161,15 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
     if settings.median is not None:
         stages.append(5)
     if settings.speckle is not None:
-        stages.append(8)
+        stages.append(5.5)
     if settings.fill is not None or settings.planar is not None:
-        stages.append({"surfaces": 60.0, "interpolate": 8.0}.get(settings.fill or "", rows))
+        stages.append({"surfaces": 60.0, "interpolate": 8.0}.get(settings.fill or "", filled))
     if settings.planar is not None:
-        stages.append(rows + 12)
+        stages.append(filled + 12)
     if settings.weighted_median is not None:
         stages.append(12)
     if settings.edge_aware is not None:
         stages.append(30 + narrow)
     if settings.confidence is not None:
-        stages.append(rows + 8)
+        stages.append(33)
     return max(stages)

@@ -77,28 +77,46 @@ double misfit(CostKind kind, double cost) {
 
 }  // namespace
 
+constexpr int kTries = 16;  // places that are tried for one with a value
+
 int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane,
                const Workers& workers) {
   int inliers = 0;
   parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    const size_t places = static_cast<size_t>(std::max(height - search.top, 0)) * width;
+    const float* const from = disparity + static_cast<size_t>(search.top) * width;
+    const auto point_at = [&](size_t place) -> Point {
+      return {static_cast<double>(place % width), static_cast<double>(search.top + static_cast<int>(place / width)), from[place]};
+    };
     std::vector<Point> points;
-    points.reserve(static_cast<size_t>(std::max(height - search.top, 0)) * width);
-    for (int y = search.top; y < height; ++y)
-      for (int x = 0; x < width; ++x) {
-        const float d = disparity[static_cast<size_t>(y) * width + x];
-        if (!std::isnan(d)) points.push_back({static_cast<double>(x), static_cast<double>(y), d});
-      }
+    points.reserve(places);
+    for (size_t place = 0; place < places; ++place)
+      if (!std::isnan(from[place])) points.push_back(point_at(place));
     if (points.size() < 3) return;
-    const size_t step = (points.size() + search.sample - 1) / search.sample;
+    // Samples are drawn by their places, so that a pixel more or less changes no more than the trials that meet it. Where few
+    // pixels have a value, places lie closer, and more of them are tried.
+    int sparse = 0;
+    while (sparse < 6 && points.size() << (sparse + 1) <= places) ++sparse;
+    const size_t step = std::max<size_t>(1, (places + search.sample - 1) / search.sample >> sparse);
     std::vector<Point> sample;
-    for (size_t k = 0; k < points.size(); k += step) sample.push_back(points[k]);
+    for (size_t place = 0; place < places; place += step)
+      if (!std::isnan(from[place])) sample.push_back(point_at(place));
 
     Draws draws{1};
+    const size_t choices = (places + step - 1) / step;
+    const auto any = [&]() -> Point {
+      size_t place = 0;
+      for (int tries = 0; tries < kTries << sparse; ++tries) {
+        place = draws.below(choices) * step;
+        if (!std::isnan(from[place])) break;
+      }
+      return point_at(place);
+    };
     double least = std::numeric_limits<double>::infinity();
     for (int trial = 0; trial < search.trials && !cancel.load(std::memory_order_relaxed); ++trial) {
-      const Point first = sample[draws.below(sample.size())];
+      const Point first = any();
       const auto another = [&]() -> Point {
-        if (search.radius == 0) return sample[draws.below(sample.size())];
+        if (search.radius == 0) return any();
         const int side = 2 * search.radius + 1;
         const int x = static_cast<int>(first.x) + draws.below(side) - search.radius;
         const int y = static_cast<int>(first.y) + draws.below(side) - search.radius;

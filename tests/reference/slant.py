@@ -44,14 +44,28 @@ def find_plane(disparity, top, radius, most_a, least_b, most_b, tolerance, trial
     ]
     if len(points) < 3:
         return None, 0
-    some = points[:: -(-len(points) // sample)]
+    places = [(float(x), float(y), float(disparity[y, x])) for y in range(top, height) for x in range(width)]
+    sparse = 0
+    while sparse < 6 and len(points) << (sparse + 1) <= len(places):
+        sparse += 1
+    step = max(1, -(-len(places) // sample) >> sparse)
+    choices = places[::step]
+    some = [point for point in choices if not math.isnan(point[2])]
     draws, best, least = Draws(), None, math.inf
+
+    def any_point():
+        for _ in range(16 << sparse):
+            drawn = choices[draws.below(len(choices))]
+            if not math.isnan(drawn[2]):
+                break
+        return drawn
+
     for _ in range(trials):
-        first = some[draws.below(len(some))]
+        first = any_point()
         others = []
         for _ in range(2):
             if radius == 0:
-                others.append(some[draws.below(len(some))])
+                others.append(any_point())
                 continue
             x = int(first[0]) + draws.below(2 * radius + 1) - radius
             y = int(first[1]) + draws.below(2 * radius + 1) - radius

@@ -6,6 +6,9 @@
 
 namespace stereopsis {
 
+// Samples of a window, at most.
+constexpr int kPlanarColumns = 9, kPlanarRows = 7;
+
 // Where a pixel's surroundings are looked at: columns and rows -reach, ..., -step, 0, step, ..., reach from it.
 struct Samples {
   int reach, step;

@@ -26,21 +26,29 @@ static STEREOPSIS_INLINE void gather(const PlanarRow& row, int first, const Plan
   using F = Simd::F;
   const F zero = Simd::set(0.0f), one = Simd::set(1.0f), limit = Simd::set(row.tolerance * row.tolerance);
   const F at = Simd::load(planes.at), a = Simd::load(planes.a), b = Simd::load(planes.b);
+  // Of each column of samples: where it lies, that squared, and how far the plane rises on the way.
+  F place[kPlanarColumns], square[kPlanarColumns], climb[kPlanarColumns];
+  int columns = 0;
+  for (int u = -row.columns.reach; u <= row.columns.reach; u += row.columns.step, ++columns) {
+    place[columns] = Simd::set(static_cast<float>(u));
+    square[columns] = Simd::mul(place[columns], place[columns]);
+    climb[columns] = Simd::mul(a, place[columns]);
+  }
   F n = zero, x = zero, y = zero, xx = zero, xy = zero, yy = zero, z = zero, zx = zero, zy = zero;
   for (int v = -row.rows.reach; v <= row.rows.reach; v += row.rows.step) {
     const F down = Simd::set(static_cast<float>(v)), rise = Simd::mul(b, down);
+    const float* samples = row.around + v * row.stride + first - row.columns.reach;
     F row_n = zero, row_x = zero, row_xx = zero, row_z = zero, row_zx = zero;
-    for (int u = -row.columns.reach; u <= row.columns.reach; u += row.columns.step) {
-      const F along = Simd::set(static_cast<float>(u));
-      const F here = Simd::sub(Simd::load(row.around + v * row.stride + first + u), at);
-      const F off = Simd::sub(here, Simd::add(Simd::mul(a, along), rise));
+    for (int k = 0; k < columns; ++k, samples += row.columns.step) {
+      const F here = Simd::sub(Simd::load(samples), at);
+      const F off = Simd::sub(here, Simd::add(climb[k], rise));
       const auto on = Simd::less(Simd::mul(off, off), limit);  // NaN is not
       const auto add = [&](F& sum, F term) { sum = Simd::select(on, Simd::add(sum, term), sum); };
       add(row_n, one);
-      add(row_x, along);
-      add(row_xx, Simd::mul(along, along));
+      add(row_x, place[k]);
+      add(row_xx, square[k]);
       add(row_z, here);
-      add(row_zx, Simd::mul(here, along));
+      add(row_zx, Simd::mul(here, place[k]));
     }
     n = Simd::add(n, row_n);
     x = Simd::add(x, row_x);

@@ -77,6 +77,7 @@ double misfit(CostKind kind, double cost) {
 
 }  // namespace
 
+constexpr size_t kPolished = 1 << 16;  // places that the least squares look at
 constexpr int kTries = 16;  // places that are tried for one with a value
 
 int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane,
@@ -88,19 +89,21 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
     const auto point_at = [&](size_t place) -> Point {
       return {static_cast<double>(place % width), static_cast<double>(search.top + static_cast<int>(place / width)), from[place]};
     };
-    std::vector<Point> points;
-    points.reserve(places);
-    for (size_t place = 0; place < places; ++place)
-      if (!std::isnan(from[place])) points.push_back(point_at(place));
-    if (points.size() < 3) return;
+    size_t known = 0;
+    for (size_t place = 0; place < places; ++place) known += from[place] == from[place];
+    if (known < 3) return;
     // Samples are drawn by their places, so that a pixel more or less changes no more than the trials that meet it. Where few
     // pixels have a value, places lie closer, and more of them are tried.
     int sparse = 0;
-    while (sparse < 6 && points.size() << (sparse + 1) <= places) ++sparse;
+    while (sparse < 6 && known << (sparse + 1) <= places) ++sparse;
     const size_t step = std::max<size_t>(1, (places + search.sample - 1) / search.sample >> sparse);
-    std::vector<Point> sample;
-    for (size_t place = 0; place < places; place += step)
-      if (!std::isnan(from[place])) sample.push_back(point_at(place));
+    const auto every = [&](size_t apart) {
+      std::vector<Point> points;
+      for (size_t place = 0; place < places; place += apart)
+        if (!std::isnan(from[place])) points.push_back(point_at(place));
+      return points;
+    };
+    const std::vector<Point> sample = every(step);
 
     Draws draws{1};
     const size_t choices = (places + step - 1) / step;
@@ -138,8 +141,9 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
       }
     }
     if (least == std::numeric_limits<double>::infinity()) return;
+    const std::vector<Point> points = every(std::max<size_t>(1, places / kPolished >> sparse));
     for (const double reach : {2.0, 1.0, 1.0}) polish(points, reach * search.tolerance, plane);
-    for (const Point& at : points) inliers += distance(*plane, at) <= search.tolerance;
+    for (size_t place = 0; place < places; ++place) inliers += distance(*plane, point_at(place)) <= search.tolerance;
   });
   return inliers;
 }

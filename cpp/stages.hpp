@@ -218,8 +218,7 @@ int label(const uint8_t* inside, int height, int width, int32_t* region, const W
 void median(const float* disparity, int height, int width, int size, float* filtered, const Workers& workers);
 
 // The value at each pixel of the plane through what its window holds within `tolerance` of that plane: truncated least
-// squares, from the map as it is, fronto-parallel, in `iterations` steps. Of a window at most so many columns and rows count.
-constexpr int kPlanarColumns = 9, kPlanarRows = 7;
+// squares, from the map as it is, fronto-parallel, in `iterations` steps. Of a window at most kPlanarColumns x kPlanarRows pixels count.
 struct PlanarKernel;
 void planar(const float* disparity, int height, int width, const Window& window, float tolerance, int iterations, float* smooth,
             const PlanarKernel& kernel, const Workers& workers);

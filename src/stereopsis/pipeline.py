@@ -350,7 +350,7 @@ def _match(
             whole = _filled(chosen.fill, disparity, flags, pixels, beneath, chosen.threads)
     holes = np.isnan(disparity)
     if chosen.fill is not None:
-        flags[holes & np.isfinite(whole)] |= np.uint8(Flag.FILLED)
+        flags |= (holes & np.isfinite(whole)) * np.uint8(Flag.FILLED)
         disparity = whole
     if chosen.weighted_median is not None:
         with _timed(timings, "weighted median"):
@@ -407,7 +407,7 @@ def _doubt(
     if fill is None:
         _refuse(doubtful, Flag.MISMATCHED, disparity, confidence, flags)
     else:
-        flags[doubtful] |= np.uint8(Flag.MISMATCHED | Flag.FILLED)
+        flags |= doubtful * np.uint8(Flag.MISMATCHED | Flag.FILLED)
 
 
 def _calibrated(
@@ -529,8 +529,8 @@ def _planar(
     smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
     if winners is not None:
         near = np.abs(winners - smooth) < AGREEMENT
-        flags[near & (flags & ~REVOCABLE == 0)] = 0
-        flags[~near & (flags == 0)] = Flag.MISMATCHED
+        np.copyto(flags, np.uint8(0), where=near & (flags & ~REVOCABLE == 0))
+        np.copyto(flags, np.uint8(Flag.MISMATCHED), where=~near & (flags == 0))
     return smooth
 
 

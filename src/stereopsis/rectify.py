@@ -45,7 +45,7 @@ FEWEST = 40
 """Points that a field needs."""
 SLOPE = 0.5
 """What a slope is expected to be, in pixels from edge to edge: few points are no reason for a steep one."""
-SETTLED = 2e-5
+SETTLED = 5e-4
 """Pixels by which a last iteration changes the field."""
 SIGNIFICANT = 4.0
 """A field counts where its root mean square is so many times its own deviation,"""

@@ -80,11 +80,12 @@ def find_plane(disparity, top, radius, most_a, least_b, most_b, tolerance, trial
     if best is None:
         return None, 0
 
-    def on(reach):
+    def on(reach, points):
         return [p for p in points if abs(at(best, p[0], p[1]) - p[2]) <= reach]
 
+    polished = [p for p in places[:: max(1, len(places) // 2**16 >> sparse)] if not math.isnan(p[2])]
     for reach in (2 * tolerance, tolerance, tolerance):
-        near = np.array(on(reach)).reshape(-1, 3)
+        near = np.array(on(reach, polished)).reshape(-1, 3)
         if len(near) >= 3:
             middle = near.mean(axis=0)
             u, v, w = (near - middle).T
@@ -93,7 +94,7 @@ def find_plane(disparity, top, radius, most_a, least_b, most_b, tolerance, trial
                 a = ((u @ w) * (v @ v) - (v @ w) * (u @ v)) / determinant
                 b = ((v @ w) * (u @ u) - (u @ w) * (u @ v)) / determinant
                 best = a, b, middle[2] - a * middle[0] - b * middle[1]
-    return best, len(on(tolerance))
+    return best, len(on(tolerance, points))
 
 
 def warp(image, plane, margin):

@@ -411,7 +411,7 @@ def main() -> None:
     parts = ("all", "killed", "memory", "overhead", "workers", "model", "data")
     parser.add_argument("part", nargs="?", default="all", choices=parts)
     parser.add_argument("--pairs", type=int, help="how many; by default what each part is about")
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument(
         "--data", type=Path, default=Path(os.environ.get("STEREOPSIS_DATA", "../shared/data"))
     )
@@ -433,7 +433,7 @@ def main() -> None:
         if options.part == "overhead":
             overhead(folder, options.pairs or 1000)
         if asked("workers"):
-            workers(folder, options.pairs or 24, options.rounds)
+            workers(folder, options.pairs or 160, options.rounds)
         if asked("model"):
             model(folder, options)
         if asked("data") and options.data.is_dir():

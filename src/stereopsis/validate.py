@@ -264,4 +264,4 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     """
     found = np.zeros(disparity.shape, np.uint8)
     _core.speckle(np.ascontiguousarray(disparity), area, difference, found)
-    return found.astype(bool)
+    return found.view(bool)

@@ -43,6 +43,10 @@ class _Header(NamedTuple):
         return sum(rows * (1 + (columns * pixel + 7) // 8) for columns, rows in sizes if columns > 0)
 
 
+LEVEL = 4
+"""Of compression: a disparity map takes a third of the time of the usual 6, and a hundredth more room."""
+
+
 def decode(data: bytes) -> npt.NDArray[Any]:
     """Decode a PNG: palettes become colour, 1, 2 and 4 bits become 8, alpha is dropped, eXIf is obeyed."""
     import imagecodecs
@@ -77,7 +81,7 @@ def encode(pixels: npt.NDArray[Any]) -> bytes:
     """Encode uint8 or uint16 pixels, ``(H, W)`` or ``(H, W, 3)``."""
     import imagecodecs
 
-    return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
+    return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels), level=LEVEL))
 
 
 def _header(chunk: tuple[bytes, memoryview, memoryview], stored: int) -> _Header:

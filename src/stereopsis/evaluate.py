@@ -201,17 +201,24 @@ def evaluate(disparity: FloatMap, truth: FloatMap, mask: Mask | None = None) -> 
     >>> scores.known, scores.answered, scores.own.epe, scores.all.within_1 == 1 / 3
     (3, 2, 2.25, True)
     """
-    known = known_pixels(disparity, truth, mask)
-    target = truth[known].astype(np.float64)
-    errors = _errors(disparity[known], target)
-    answered = np.isfinite(disparity[known])
+    # By their numbers pixels are taken several times as fast as by a mask.
+    known = np.flatnonzero(known_pixels(disparity, truth, mask))
+    target = truth.take(known).astype(np.float64)
+    answers = disparity.take(known)
+    errors, answered = _errors(answers, target), np.isfinite(answers)
+    own = np.flatnonzero(answered)
+    count = own.size
+    everything = _measures(errors, target)
+    complete = count == errors.size
     return Scores(
         known=errors.size,
-        answered=int(answered.sum()),
-        density=int(answered.sum()) / errors.size if errors.size else math.nan,
-        own=_measures(errors[answered], target[answered]),
-        all=_measures(errors, target),
-        filled=_measures(_errors(fill.background(disparity)[known], target), target),
+        answered=count,
+        density=count / errors.size if errors.size else math.nan,
+        own=everything if complete else _measures(errors.take(own), target.take(own)),
+        all=everything,
+        filled=everything
+        if complete
+        else _measures(_errors(fill.background(disparity).take(known), target), target),
     )
 
 
@@ -309,7 +316,7 @@ def _errors(answers: FloatMap, target: npt.NDArray[np.float64]) -> npt.NDArray[n
     """Absolute errors; infinite where there is no answer."""
     with np.errstate(over="ignore"):
         errors = np.abs(answers.astype(np.float64) - target)
-    errors[np.isnan(errors)] = np.inf
+    np.copyto(errors, np.inf, where=np.isnan(errors))
     return errors
 
 

@@ -30,6 +30,8 @@ GRID = 65536
 """To about so many pixels is a map thinned before planes are fitted."""
 FACADES = 2
 """How many planes that are not slanted may hold more pixels than the ground does."""
+LEVEL_WITHIN = 0.75
+"""A plane that rises by less over a window is no slant, in pixels of disparity."""
 MOST_PLANES = 3
 """How many planes are looked for, the road included."""
 
@@ -166,7 +168,7 @@ def _scaled(plane: Plane, step: int) -> Plane:
 
 
 def _level(plane: Plane, window: tuple[int, int], step: int) -> bool:
-    return abs(plane.a) * window[0] + abs(plane.b) * window[1] < 0.5 * step
+    return abs(plane.a) * window[0] + abs(plane.b) * window[1] < LEVEL_WITHIN * step
 
 
 def _ground(rest: DisparityMap, window: tuple[int, int], step: int) -> Plane | None:

@@ -113,6 +113,12 @@ def test_presets_on_degenerate_images(preset, shape):
         assert (np.isfinite(result.disparity) | (result.flags != 0)).all()
 
 
+def test_planes_do_not_lean_out_of_the_range(street):
+    result = matched(street, slant="road", planar=(25, 13), fill="background", disparities=(3, 20))
+    assert result.disparity.min() >= 3
+    assert result.disparity.max() <= 19
+
+
 def test_a_floor_lets_the_ground_go_on_level():
     right = np.arange(40, dtype=np.uint8).reshape(1, 40, 1).repeat(6, axis=0)
     plane = slant.Plane(0.0, 1.0, -3.0)  # disparities -3, -2, ..., 2 by rows

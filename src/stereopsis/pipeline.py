@@ -527,6 +527,8 @@ def _planar(
     if chosen.median is not None:
         whole = refine.median(whole, chosen.median, chosen.threads)
     smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
+    bounds = cast(Disparities, chosen.disparities)
+    np.clip(smooth, bounds.min, bounds.max - 1, out=smooth)
     if winners is not None:
         near = np.abs(winners - smooth) < AGREEMENT
         np.copyto(flags, np.uint8(0), where=near & (flags & ~REVOCABLE == 0))

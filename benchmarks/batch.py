@@ -208,7 +208,7 @@ def killed(folder: Path, pairs: int) -> None:
     print("results.csv has " + ("the same bytes" if same else "OTHER BYTES"), end="; ")
     print(f"maps of the same bytes: {equal} of {len(maps)}")
     print(f"unfinished files: {left}")
-    if not same or equal != pairs or report["done"] != pairs:
+    if not same or equal != pairs or report["done"] != pairs or left:
         raise SystemExit("the runs are not the same")
 
 

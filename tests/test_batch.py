@@ -183,6 +183,19 @@ def test_progress_is_told_and_tables_are_written_meanwhile(
     assert len(table(tmp_path / "out")) == 8
 
 
+def test_what_a_worker_that_died_left_behind_is_removed(tmp_path: Path, client: Any) -> None:
+    """Another worker took its pair over: the run ends well, and leaves nothing half written."""
+    out = tmp_path / "out"
+    left = out / "disparity" / f".{'0' * 12}.tmp"
+
+    def progress(finished: int, total: int | None, what: str) -> None:
+        if finished:
+            left.write_bytes(b"half")
+
+    batch.run([Made(f"{n}", n, "") for n in range(3)], SETTINGS, out, client, progress=progress)
+    assert sorted(path.name for path in left.parent.iterdir()) == ["0.png", "1.png", "2.png"]
+
+
 def test_tasks_grow_with_the_workers_and_shrink_at_the_end() -> None:
     pace = cluster._Pace()
     assert pace.pairs(2, None) == 1

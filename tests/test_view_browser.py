@@ -692,15 +692,22 @@ def test_a_dragged_slider_ends_where_it_was_let_go(visit: Callable[..., Page], s
     assert box is not None
     page.get_by_label("Keep the proportion").first.uncheck()
     page.mouse.move(box["x"] + 20, box["y"] + box["height"] / 2)
+    slider.evaluate(
+        "slider => { window.seen = []; setInterval(() => window.seen.push(Number(slider.value)), 1) }"
+    )
     page.mouse.down()
     for step in range(40):
         page.mouse.move(box["x"] + 20 + 3 * step, box["y"] + box["height"] / 2)
+        page.wait_for_timeout(10)
     page.mouse.up()
     wanted = slider.input_value()
     expect(page.locator("html.busy")).to_have_count(0)
     time.sleep(0.3)
     expect(page.locator("#repeat")).to_contain_text(re.compile(rf"window={wanted}x\d+"))
     expect(slider).to_have_value(wanted)
+    seen = page.evaluate("window.seen")
+    # Results of where it was before do not put it back.
+    assert seen[seen.index(min(seen)) :] == sorted(seen[seen.index(min(seen)) :])
     expect(page.locator("#alert")).to_be_hidden()
 
 

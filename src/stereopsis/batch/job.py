@@ -249,5 +249,7 @@ def carry_out(
             table.catch_up(job)
             table.write(store, scored=job.evaluate)
         raise
+    # A worker that was killed midway, and whose pair another one took over, may have left a part of a file.
+    store.sweep()
     table.write(store, scored=job.evaluate)
     return table

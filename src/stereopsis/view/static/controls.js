@@ -87,7 +87,6 @@ export class Controls {
         return;
       }
       const size = Array.isArray(value) ? value : [value, value];
-      if (sides.includes(document.activeElement) && this.held) return;
       sides.forEach((side, i) => (side.value = size[i]));
       proportion = size[0] / size[1];
       say();

@@ -295,7 +295,8 @@ async function start() {
       if (session.result !== result) return;
       listLayers();
       legends();
-      if (result.settings?.cost) controls.show(result.settings, state.preset);
+      // A slider that has moved on since is not put back.
+      if (result.settings?.cost && session.settled) controls.show(result.settings, state.preset);
       $("scores").replaceChildren(scoreTable(result.scores));
       const times = stageBars(result.stages ?? {}, result.seconds);
       $("stages").replaceChildren(times);

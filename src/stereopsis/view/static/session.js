@@ -61,6 +61,11 @@ export class Session extends EventTarget {
     return Boolean(this.scene && this.left && this.right);
   }
 
+  /** Nothing newer than the result is asked for. */
+  get settled() {
+    return !this.#wanted && !this.#running;
+  }
+
   /** Match with these settings; a newer call wins. `since`: when the user asked, for measuring. */
   match(settings, since = performance.now()) {
     if (!this.canMatch) return;

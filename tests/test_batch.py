@@ -27,7 +27,7 @@ from batch_data import (
     leftovers,
     table,
 )
-from stereopsis import batch
+from stereopsis import _extras, batch
 from stereopsis.batch import cluster, job, names, record, store, work
 from stereopsis.cli import main
 from stereopsis.evaluate import Measures
@@ -511,7 +511,7 @@ def test_a_task_takes_no_more_threads_than_its_share(tmp_path: Path, client: Any
 def test_absent_dask_is_one_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], data: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    monkeypatch.setattr(_extras, "find_spec", lambda name: None)
     assert main(["batch", str(data), "-o", str(tmp_path / "out")]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1

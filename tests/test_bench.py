@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stereopsis as st
-from stereopsis import datasets
+from stereopsis import _extras, datasets
 from stereopsis.bench import accuracy, methods, opencv, speed
 from stereopsis.bench.methods import Method
 from stereopsis.cli import INCOMPLETE, main
@@ -260,7 +260,7 @@ def test_turns_and_ratios():
 
 
 def test_without_opencv_the_extra_is_named(folder, monkeypatch, capsys: Capture):
-    monkeypatch.setattr(opencv, "find_spec", lambda name: None)
+    monkeypatch.setattr(_extras, "find_spec", lambda name: None)
     assert main(["bench", "accuracy", str(folder)]) == 2
     assert "'stereopsis[bench]'" in capsys.readouterr().err
 

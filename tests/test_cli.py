@@ -297,6 +297,13 @@ class TestRefusals:
         assert Path("good.pfm").read_bytes() == b"mine"
         assert not Path("bad.png").exists()
 
+    def test_an_extra_that_is_missing(
+        self, folder: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setitem(sys.modules, "ortools.graph.python", None)
+        cuts = ("--set", "cost=zncc", "--set", "optimize=expansion", "--disparities", "0:24")
+        assert "'stereopsis[graphcut]'" in refuse(capsys, "match", "left.png", "right.png", *cuts)
+
     def test_memory(self, folder: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
         def exhausted(*_: object, **__: object) -> None:
             raise MemoryError("could not allocate\n9 EiB")

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import stereopsis as st
-from stereopsis import study
+from stereopsis import _extras, study
 from stereopsis.cli import main
 from stereopsis.settings import ZNCC, Settings
 from stereopsis.study import job, measure, methods, pairs, plan, published, tables
@@ -422,7 +422,7 @@ def test_refuses_a_folder_without_pairs(tmp_path: Path, capsys: pytest.CaptureFi
 def test_missing_extra_is_named(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(study, "find_spec", lambda name: None if name == "matplotlib" else True)
+    monkeypatch.setattr(_extras, "find_spec", lambda name: None if name == "matplotlib" else True)
     assert main(["study", str(data), "-o", str(tmp_path / "report")]) == 2
     out, err = capsys.readouterr()
     assert out == ""

@@ -22,7 +22,7 @@ import psutil
 import pytest
 
 import stereopsis as st
-from stereopsis import cli, view
+from stereopsis import _extras, cli
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are sent in another way there")
 
@@ -259,7 +259,7 @@ def test_without_the_extra_it_says_which(
     arguments: list[str],
 ) -> None:
     monkeypatch.chdir(pair)
-    monkeypatch.setattr(view, "find_spec", lambda name: None)
+    monkeypatch.setattr(_extras, "find_spec", lambda name: None)
     assert cli.main(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""

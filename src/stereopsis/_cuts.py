@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._extras import MissingExtraError
+
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
@@ -50,11 +52,11 @@ class Problem(NamedTuple):
 
 
 def library() -> ModuleType:
-    """The maximum flow; raises ImportError that names the extra."""
+    """The maximum flow; raises `MissingExtraError` without the extra."""
     try:
         from ortools.graph.python import max_flow
     except ImportError as error:
-        raise ImportError(
+        raise MissingExtraError(
             "graph cuts need OR-Tools, which the extra 'graphcut' brings: pip install 'stereopsis[graphcut]'"
         ) from error
     flow: ModuleType = max_flow

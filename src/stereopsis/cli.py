@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
+from stereopsis._extras import MissingExtraError
+
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
@@ -67,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain(f"not enough memory. {error}")
     except OSError as error:
         _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, MissingExtraError) as error:
         _complain(str(error))
     else:
         return code if isinstance(code, int) else 0
@@ -262,7 +264,9 @@ def match(
     if show and memory is not None:
         raise click.UsageError("--show needs the whole pair in memory: it goes without --memory")
     if show:
-        _require_view()
+        from stereopsis import view as view_
+
+        view_.require()
     if memory is not None and _in_tiles(left, right, outputs, settings, memory, truth, as_json):
         return
     camera = st.read_calibration(calibration) if calibration else None
@@ -444,10 +448,7 @@ def study(
     """
     from stereopsis import study as study_
 
-    try:
-        study_.require()
-    except ModuleNotFoundError as error:
-        raise click.ClickException(str(error)) from None
+    study_.require()
     values: dict[str, Any] = {"data": dataset, **given}
     for name in ("windows", "methods", "parts"):
         if values[name] is not None:
@@ -516,17 +517,10 @@ def view(target: tuple[Path, ...], no_browser: bool, **options: Any) -> None:
     rendered. Ctrl-C ends the page. Beyond this machine it is served only to who has the token in the printed
     address.
     """
-    _require_view()
-    _view(target, browser=not no_browser, **options)
-
-
-def _require_view() -> None:
     from stereopsis import view as view_
 
-    try:
-        view_.require()
-    except ModuleNotFoundError as error:
-        raise click.ClickException(str(error)) from None
+    view_.require()
+    _view(target, browser=not no_browser, **options)
 
 
 def _view(
@@ -579,10 +573,7 @@ def batch(dataset: Path, out: str, settings: Settings, evaluate: bool, as_json: 
     from stereopsis import batch as batch_
     from stereopsis import datasets
 
-    try:
-        batch_.require()
-    except ModuleNotFoundError as error:
-        raise click.ClickException(str(error)) from None
+    batch_.require()
     samples = datasets.open(dataset)
     try:
         with _progress("pairs") as advance:
@@ -642,10 +633,7 @@ def _compared(command: F) -> F:
 
         ours = methods.presets(_names(presets or ""), assignments)
         if others["opencv"]:
-            try:
-                opencv.require()
-            except ModuleNotFoundError as error:
-                raise click.ClickException(str(error)) from None
+            opencv.require()
         if csv_file and not os.access(csv_file.parent, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(csv_file.parent))
         return command(*args, ours=ours, csv_file=csv_file, **others)

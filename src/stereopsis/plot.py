@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import colormaps, refine
+from stereopsis import _extras, colormaps, refine
 from stereopsis.evaluate import FloatMap, Mask, known_pixels
 from stereopsis.io.disparity import check_disparity
 from stereopsis.reliability import Reliability
@@ -412,12 +412,9 @@ def legend_above(entries: int) -> dict[str, Any]:
 
 
 def _axes(ax: Axes | None) -> Axes:
-    try:
-        from matplotlib.axes import Axes
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "stereopsis.plot needs matplotlib: install it with python -m pip install 'stereopsis[plot]'"
-        ) from error
+    _extras.require("stereopsis.plot needs", "plot", "matplotlib")
+    from matplotlib.axes import Axes
+
     if ax is None:
         from matplotlib import pyplot
 

@@ -17,6 +17,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from stereopsis import _extras
 from stereopsis._numbers import is_whole
 from stereopsis.batch.work import FORMATS, Failure
 from stereopsis.settings import DEFAULT_PRESET, PRESETS, Settings
@@ -67,9 +68,7 @@ def require() -> None:
     ModuleNotFoundError
         Something is missing; names it and the extra.
     """
-    from stereopsis.batch import cluster
-
-    cluster.require()
+    _extras.require("batch needs", "cluster", "dask", "distributed", "fsspec")
 
 
 def run(

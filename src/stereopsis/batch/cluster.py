@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from importlib.util import find_spec
 from itertools import islice
 from typing import Any, Final, NamedTuple
 
@@ -38,21 +37,6 @@ KEPT: Final = "what is finished is kept, and the same run again goes on"
 
 class LostError(ConnectionError):
     """The scheduler is gone."""
-
-
-def require() -> None:
-    """Check that what the extra ``cluster`` brings is installed.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        Something is missing; names it and the extra.
-    """
-    missing = [name for name in ("dask", "distributed", "fsspec") if find_spec(name) is None]
-    if missing:
-        raise ModuleNotFoundError(
-            f"batch needs {', '.join(missing)}: install it with python -m pip install 'stereopsis[cluster]'"
-        )
 
 
 def cores() -> int:

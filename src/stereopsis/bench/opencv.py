@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import cost
+from stereopsis import _extras, cost
 from stereopsis.types import Disparities, DisparityMap, Pair
 
 Bytes = npt.NDArray[np.uint8]
@@ -76,11 +75,8 @@ Filters: uniqueness 10 %, disp12MaxDiff 1, speckle 100.
 
 def require() -> None:
     """Raise ModuleNotFoundError, which names the extra, where OpenCV is not installed."""
-    if find_spec("cv2") is None:
-        raise ModuleNotFoundError(
-            "comparing with OpenCV needs it: install it with python -m pip install 'stereopsis[bench]', "
-            "or leave it out with --no-opencv"
-        )
+    instead = ", or leave it out with --no-opencv"
+    _extras.require("comparing with OpenCV needs", "bench", "cv2", instead=instead)
 
 
 def version() -> str:

@@ -11,9 +11,9 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
+from stereopsis import _extras
 from stereopsis.io.atomic import write_bytes
 from stereopsis.study.job import Done, Failed, Outcome, Progress
 from stereopsis.study.plan import Study
@@ -51,11 +51,7 @@ def require() -> None:
     ModuleNotFoundError
         Something is missing; names it and the extra.
     """
-    missing = [name for name in ("jinja2", "matplotlib", "scipy") if find_spec(name) is None]
-    if missing:
-        raise ModuleNotFoundError(
-            f"the study needs {', '.join(missing)}: install it with python -m pip install 'stereopsis[study]'"
-        )
+    _extras.require("the study needs", "study", "jinja2", "matplotlib", "scipy")
 
 
 def run(

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._extras import MissingExtraError
 from stereopsis.study.quirks import CORRELATIONS, PUBLISHED, SMOOTHED, Quirks
 from stereopsis.types import DisparityMap, Pair
 
@@ -253,7 +254,9 @@ def _ndimage() -> ModuleType:
     try:
         from scipy import ndimage
     except ImportError as error:
-        raise ImportError("the report's protocol needs SciPy: pip install 'stereopsis[study]'") from error
+        raise MissingExtraError(
+            "the report's protocol needs SciPy: pip install 'stereopsis[study]'"
+        ) from error
     module: ModuleType = ndimage
     return module
 

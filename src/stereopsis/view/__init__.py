@@ -8,9 +8,9 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from stereopsis import _extras
 from stereopsis.view.targets import Target, open_target, street
 
 if TYPE_CHECKING:
@@ -27,12 +27,7 @@ def require() -> None:
     ModuleNotFoundError
         Something is missing; names it and the extra.
     """
-    modules = {"fastapi": "fastapi", "uvicorn": "uvicorn", "python_multipart": "python-multipart"}
-    missing = [name for module, name in modules.items() if find_spec(module) is None]
-    if missing:
-        raise ModuleNotFoundError(
-            f"the page needs {', '.join(missing)}: install it with python -m pip install 'stereopsis[view]'"
-        )
+    _extras.require("the page needs", "view", "fastapi", "uvicorn", "python_multipart")
 
 
 def serve(

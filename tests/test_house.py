@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import inspect
 import re
 import subprocess
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import stereopsis as st
+from stereopsis import settings
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "stereopsis"
@@ -75,6 +77,16 @@ def test_public_name_stands_in_the_reference(name: str) -> None:
     """On a line of its own, in a list of names or as the module of one."""
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     assert re.search(rf"^(?: +|\.\. currentmodule:: stereopsis\.){name}$", page, re.MULTILINE)
+
+
+@in_checkout
+def test_every_setting_stands_once_on_its_page() -> None:
+    page = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
+    table = page.partition("## The list")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (`[^|]+) \|", table, re.MULTILINE)
+    named = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    fields = [field.name for field in dataclasses.fields(settings.Settings)]
+    assert sorted(named) == sorted([*fields, *settings.COST_PARTS, *settings.OPTIMIZER_PARTS])
 
 
 def test_package_is_typed_and_the_core_has_a_stub() -> None:

@@ -15,7 +15,7 @@ from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 
 import stereopsis as st
-from stereopsis import Flag
+from stereopsis import Flag, cost
 from stereopsis.fill import background
 
 COSTS = (st.SAD, st.SSD, st.ZSAD, st.ZSSD, st.NCC, st.ZNCC)
@@ -372,6 +372,38 @@ def test_texture_is_measured_in_the_grey_levels_of_the_image():
     ramp = ramp.astype(np.float32) / 1000
     result = st.match(ramp, ramp, disparities=(0, 2), cost=st.SAD(5), keep="texture")
     np.testing.assert_allclose(result.stages["texture"][:, 3:-3], 0.003, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "filters",
+    [
+        {"preset": "fast"},
+        {"preset": "fast", "texture": "auto"},
+        {"preset": "fast", "fill": "background", "weighted_median": (5, 10)},
+        {"preset": "balanced"},
+    ],
+)
+def test_float_images_from_0_to_1_are_as_those_from_0_to_255(street, filters):
+    """A grey level of a threshold is 1/255 there: a gradient of 0.3 of all that there is would be none."""
+    images = [image.astype(np.float32) for image in (street.left, street.right)]
+    chosen = {"disparities": (0, 24), "vertical": None, **filters}
+    expected = st.match(*images, **chosen)
+    found = st.match(*(image / np.float32(255) for image in images), **chosen)
+    assert found.density > 0.3
+    # Scaled to whole numbers, the two differ in their last bits.
+    assert np.mean(found.flags != expected.flags) < 0.01
+    same = np.isclose(found.disparity, expected.disparity, atol=0.1, equal_nan=True)
+    assert np.mean(same) > 0.99
+
+
+@pytest.mark.parametrize(
+    ("largest", "level"), [(1.0, 255.0), (0.01, 255.0), (1.999, 255.0), (2.0, 1.0), (255.0, 1.0), (6e4, 1.0)]
+)
+def test_what_a_grey_level_is(largest, level):
+    image = np.full((4, 5), largest, np.float32)
+    pixels = cost.pixels(image, image)
+    assert pixels.level == level * pixels.step
+    assert cost.pixels(*(np.ones((4, 5), np.uint16),) * 2).level == 1
 
 
 # ---- how right it is -----------------------------------------------------------------------------
@@ -883,8 +915,8 @@ def test_a_support_where_nothing_is_in_view(support):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 3)])
 def test_a_support_larger_than_the_image(shape, support):
     image = noise(shape)
-    for cost in COSTS:
-        found = st.match(image, image, disparities=(0, 1), cost=cost(support), subpixel=None).disparity
+    for kind in COSTS:
+        found = st.match(image, image, disparities=(0, 1), cost=kind(support), subpixel=None).disparity
         np.testing.assert_array_equal(found, 0)
 
 

@@ -38,6 +38,14 @@ class Pixels(NamedTuple):
     step: float
     limits: tuple[int, int] | None = None
 
+    @property
+    def level(self) -> float:
+        """Grey levels in one unit: the image's own, but of 255 where float images run from 0 to 1.
+
+        They are taken to where they stay below 2.
+        """
+        return 255 * self.step if self.step <= 2.0 ** (1 - FLOAT_BITS) else self.step
+
 
 def halo(window: tuple[int, int]) -> Halo:
     """What a cost over a box depends on, in both images."""

@@ -294,18 +294,16 @@ def _match(
         stages.setdefault("plane", np.zeros(disparity.shape, np.uint8))
     if chosen.texture is not None or "texture" in chosen.keep:
         with _timed(timings, "texture"):
-            gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads) * np.float32(
-                pixels.step
-            )
+            gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads)
             if chosen.texture is not None:
                 least = (
-                    validate.texture_of_noise(noise.deviation(pixels.left) * pixels.step, chosen.cost.size)
+                    validate.texture_of_noise(noise.deviation(pixels.left) * pixels.level, chosen.cost.size)
                     if chosen.texture == "auto"
                     else chosen.texture
                 )
-                _refuse(gradient < least, Flag.LOW_TEXTURE, disparity, confidence, flags)
+                _refuse(gradient < least / pixels.level, Flag.LOW_TEXTURE, disparity, confidence, flags)
             if "texture" in chosen.keep:
-                stages["texture"] = gradient
+                stages["texture"] = gradient * np.float32(pixels.step)
     if chosen.subpixel in FROM_IMAGES:
         with _timed(timings, "subpixel"):
             disparity = _refined(pixels, chosen, disparity)
@@ -356,13 +354,13 @@ def _match(
         with _timed(timings, "weighted median"):
             size, levels = chosen.weighted_median
             disparity = smooth.weighted_median(
-                disparity, pixels.left, size, levels, pixels.step, chosen.threads
+                disparity, pixels.left, size, levels, pixels.level, chosen.threads
             )
     if chosen.edge_aware is not None:
         with _timed(timings, "edge-aware"):
             strength, levels = chosen.edge_aware
             disparity = smooth.edge_aware(
-                disparity, pixels.left, strength, levels, 2, pixels.step, chosen.threads
+                disparity, pixels.left, strength, levels, 2, pixels.level, chosen.threads
             )
             np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
     if chosen.confidence is not None:
@@ -391,7 +389,7 @@ def _filled(
         case "interpolate":
             return fill.interpolate(disparity, flags)
         case "surfaces":
-            return fill.surfaces(disparity, flags, pixels.left, pixels.step, threads)
+            return fill.surfaces(disparity, flags, pixels.left, pixels.level, threads)
         case _:
             return fill.background(disparity)
 

@@ -154,6 +154,7 @@ class Settings:
     vertical : {"estimate"}, float, (float, float, float) or None
         Undo what the right image lies too low, before anything else: pixels that are known, over the whole
         image or as a `Vertical` (in the middle, gained from left to right, gained from top to bottom), or
+        what is found in the images, "estimate". None: rows stay as they are.
     optimize : SecondPass, ICM, BeliefPropagation, TRWS, Expansion, Swap, SGM or None
         How neighbours' labels are made to agree, with its smoothness or penalties. None: the plain winners.
     slant : {"road", "planes"} or None
@@ -180,8 +181,9 @@ class Settings:
         In percent: the winner is ambiguous where another candidate, not next to it, costs at most this much
         more. Costs are counted from a perfect match, so correlations as ``1 - correlation``. None: no check.
     texture : float, "auto" or None
-        Least mean horizontal gradient over the support window, in grey levels a pixel. "auto": what noise
-        alone would show, with the noise estimated from the left image. None: no check.
+        Least mean horizontal gradient over the support window, in grey levels a pixel; of 255 where float
+        images run from 0 to 1. "auto": what noise alone would show, with the noise estimated from the left
+        image. None: no check.
     reflection : float or None
         Largest difference of mean brightness between the windows of a match, in robust standard deviations of
         that difference over the image. None: no check.

@@ -148,16 +148,16 @@ def _shrunk(whole: _Pair, factor: int) -> Pair:
 
 def _texture(whole: _Pair) -> float:
     """The threshold of texture="auto"."""
-    step = 1.0
+    level = 1.0
     means = []
     for top, part in whole.bands(noise.BLOCK, beyond=2):
         pixels = whole.pixels(part)
-        step = pixels.step
+        level = pixels.level
         # What is left at the image's end is no block, unless it is the whole image.
         if top == 0 or part.shape[0] >= noise.BLOCK + 2:
             means.append(noise.block_means(pixels.left))
     deviation = noise.deviation_of(np.concatenate(means)) if means else 0.0
-    return validate.texture_of_noise(deviation * step, whole.settings.cost.size)
+    return validate.texture_of_noise(deviation * level, whole.settings.cost.size)
 
 
 def _takes_levels(chosen: Settings) -> bool:

@@ -8,9 +8,17 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BufferedReader
+from pathlib import Path
 from typing import Final
 
 _KINDS: Final = ((stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"), (stat.S_ISCHR, "a device"))
+
+
+def as_path(path: str | os.PathLike[str]) -> Path:
+    """`path` as a `Path`; raises TypeError for what is none."""
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path must be a str or path-like, not {type(path).__name__}")
+    return Path(path)
 
 
 @contextmanager
@@ -21,10 +29,12 @@ def opened(path: str | os.PathLike[str]) -> Iterator[tuple[BufferedReader, int]]
     ------
     OSError
         It cannot be opened or read, with `path` as its file name; `IsADirectoryError` for a folder.
+    TypeError
+        `path` is none.
     ValueError
         It is no file but a pipe or a device, which might never end.
     """
-    name = os.fspath(path)
+    name = str(as_path(path))
     if "\0" in name:
         raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), name)
     try:

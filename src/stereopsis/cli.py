@@ -825,11 +825,6 @@ def _in_tiles(
                 f"{memory}; {', '.join(PART_SUFFIXES)} are written in tiles"
             )
         return False
-    seen = {left.resolve(), right.resolve()}
-    for path in outputs:
-        if path.resolve() in seen:
-            raise ValueError(f"{path} is also read, or written twice")
-        seen.add(path.resolve())
     with _progress("tiles") as advance:
         found = tiling.match(left, right, outputs, settings=settings, memory=memory, progress=advance)
     facts: dict[str, Any] = {

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._numbers import is_number
 from stereopsis.types import Flag
 
 Colour = tuple[int, int, int]
@@ -91,7 +92,15 @@ def colours(
     -------
     ndarray of uint8, (..., 3)
         RGB; `INVALID` where a value is NaN.
+
+    Raises
+    ------
+    TypeError
+        `values` is not an array of real numbers.
     """
+    if not isinstance(values, np.ndarray) or values.dtype.kind not in "biuf":
+        what = getattr(values, "dtype", type(values).__name__)
+        raise TypeError(f"values must be an array of real numbers, not {what}")
     low, high = limits
     index = np.clip((values.astype(np.float64) - low) * (255 / (high - low)), 0, 255)
     valid = ~np.isnan(index)
@@ -112,7 +121,16 @@ def flag_colours(flags: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     -------
     ndarray of uint8, (..., 3)
         RGB; `INVALID`, a light grey, where there is no flag.
+
+    Raises
+    ------
+    TypeError
+        `flags` is not an array of uint8.
     """
+    if not isinstance(flags, np.ndarray) or flags.dtype != np.uint8:
+        raise TypeError(
+            f"flags must be an array of uint8, not {getattr(flags, 'dtype', type(flags).__name__)}"
+        )
     table = np.full((256, 3), INVALID, np.uint8)
     for flag, colour in reversed(list(FLAG_COLOURS.items())):
         table[(np.arange(256) & flag) != 0] = colour
@@ -140,10 +158,10 @@ def limits(values: npt.NDArray[Any], range: tuple[float, float] | None = None) -
         `range` is not two finite numbers in order.
     """
     if range is not None:
-        low, high = (float(limit) for limit in range)
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(f"range must be two finite numbers in order, not {range}")
-        return low, high
+        ends = tuple(range) if isinstance(range, Iterable) else ()
+        if len(ends) != 2 or not all(map(is_number, ends)) or not ends[0] < ends[1]:
+            raise ValueError(f"range must be two finite numbers in order, not {range!r}")
+        return float(ends[0]), float(ends[1])
     valid = values[~np.isnan(values)].astype(np.float64)
     low, high = (float(limit) for limit in np.percentile(valid, (1, 99))) if valid.size else (0.0, 1.0)
     # Below this float32 cannot tell the limits apart.

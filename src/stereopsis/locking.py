@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._numbers import is_whole
 from stereopsis.types import DisparityMap
 
 Floats = npt.NDArray[np.float64]
@@ -76,6 +77,8 @@ def pixel_locking(
 
     Raises
     ------
+    TypeError
+        For what is no array of floats, or no mask of bool.
     ValueError
         For fewer than 2 bins, or shapes that differ.
 
@@ -91,8 +94,14 @@ def pixel_locking(
     >>> found.share.round(2).tolist()
     [0.0, 0.67, 0.33]
     """
-    if bins < 2:
-        raise ValueError(f"bins must be at least 2, not {bins}")
+    if not is_whole(bins) or bins < 2:
+        raise ValueError(f"bins must be a whole number of at least 2, not {bins!r}")
+    for name, array, kind in (("disparity", disparity, "f"), ("truth", truth, "f"), ("mask", mask, "b")):
+        if array is None and name != "disparity":
+            continue
+        if not isinstance(array, np.ndarray) or array.dtype.kind != kind:
+            what = getattr(array, "dtype", type(array).__name__)
+            raise TypeError(f"{name} must be an array of {'bool' if kind == 'b' else 'floats'}, not {what}")
     for name, other in (("truth", truth), ("mask", mask)):
         if other is not None and other.shape != disparity.shape:
             raise ValueError(f"{name} must have the shape of disparity, {disparity.shape}, not {other.shape}")

@@ -963,9 +963,10 @@ def estimate_disparities(left: Image, right: Image, *, threads: int = 0) -> Disp
     -------
     Disparities
     """
-    factor = shrinking(left.shape[1])
-    small = Pair(shrunk(left, factor), shrunk(right, factor))
-    return disparities_of_shrunk(small, left.shape[1], threads)
+    pair = _pair(left, right)
+    factor = shrinking(pair.left.shape[1])
+    small = Pair(shrunk(pair.left, factor), shrunk(pair.right, factor))
+    return disparities_of_shrunk(small, pair.left.shape[1], threads)
 
 
 def shrinking(width: int) -> int:
@@ -1022,7 +1023,9 @@ def estimate_vertical(
     Vertical
         Zero where the field is not significant, or too small to be worth undoing.
     """
-    return _vertical(cost.pixels(left, right, "grey", threads), settings.as_disparities(disparities), threads)
+    pair, candidates = _pair(left, right), settings.as_disparities(disparities)
+    threads = Settings(threads=threads).threads
+    return _vertical(cost.pixels(pair.left, pair.right, "grey", threads), candidates, threads)
 
 
 def _with_vertical(
@@ -1113,14 +1116,30 @@ def _check_image(name: str, image: Any) -> None:
     if not isinstance(image, np.ndarray):
         raise TypeError(f"{name} must be a NumPy array, not {type(image).__name__}")
     if image.dtype not in (np.uint8, np.uint16, np.float32):
-        raise TypeError(f"{name} must be uint8, uint16 or float32, not {image.dtype}")
+        advice = f": {name}.astype(np.float32) is" if image.dtype == np.float64 else ""
+        raise TypeError(f"{name} must be uint8, uint16 or float32, not {image.dtype}{advice}")
     if not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)):
-        raise ValueError(f"{name} must be (H, W) or (H, W, 3), not of shape {image.shape}")
+        raise ValueError(
+            f"{name} must be (H, W) or (H, W, 3), not of shape {image.shape}{_as_hw3(name, image.shape)}"
+        )
     if image.size == 0 or max(image.shape) >= 2**24:
         raise ValueError(f"{name} must have from 1 to 2^24 - 1 rows and columns, not the shape {image.shape}")
     if image.dtype == np.float32 and not np.isfinite(image).all():
         bad = int(np.count_nonzero(~np.isfinite(image)))
         raise ValueError(f"{name} must be finite; it holds {bad} NaN or infinite values")
+
+
+def _as_hw3(name: str, shape: tuple[int, ...]) -> str:
+    """How other layouts of images are made one that is taken."""
+    match shape:
+        case (_, _, 1):
+            return f": {name}[..., 0] is"
+        case (_, _, 4):
+            return f": {name}[..., :3] is"
+        case (3, _, _):
+            return f": np.moveaxis({name}, 0, 2) is"
+        case _:
+            return ""
 
 
 def _kind(chosen: Settings) -> str:

@@ -7,6 +7,7 @@ needs the extra ``plot``; matplotlib is imported when the first function is call
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _extras, colormaps, refine
+from stereopsis._numbers import is_number
 from stereopsis.evaluate import FloatMap, Mask, known_pixels
 from stereopsis.io.disparity import check_disparity
 from stereopsis.reliability import Reliability
@@ -90,6 +92,7 @@ def confidence(result: Result, ax: Axes | None = None) -> Axes:
     ModuleNotFoundError
         Without matplotlib.
     """
+    _check("result", result, Result)
     answered = np.isfinite(result.disparity)
     values = np.where(answered, result.confidence, np.float32(np.nan))
     return _picture(values, colormaps.CIVIDIS, (0.0, 1.0), "confidence", _axes(ax))
@@ -115,6 +118,7 @@ def flags(result: Result, ax: Axes | None = None) -> Axes:
     ModuleNotFoundError
         Without matplotlib.
     """
+    _check("result", result, Result)
     axes = _axes(ax)
     from matplotlib.patches import Patch
 
@@ -173,7 +177,7 @@ def error(
         found = np.abs(errors[np.isfinite(errors)])
         limit = float(np.percentile(found, 99)) if found.size else 0.0
         limit = limit if limit > 1e-6 else 1.0
-    if not 0 < limit < np.inf:
+    if not (is_number(limit) and limit > 0):
         raise ValueError(f"limit must be a positive number of pixels, not {limit!r}")
     axes = _axes(ax)
     missing = np.zeros((*errors.shape, 4), np.uint8)
@@ -210,6 +214,8 @@ def cost_curve(result: Result, x: int, y: int, ax: Axes | None = None, *, truth:
         The result holds no costs, or the pixel lies outside.
     """
     candidates, costs = _costs(result, x, y)
+    if truth is not None and not isinstance(truth, numbers.Real):
+        raise TypeError(f"truth must be a number or None, not {truth!r}")
     axes = _axes(ax)
     possible = costs < np.inf
     axes.plot(
@@ -269,6 +275,9 @@ def sparsification(
     """
     if isinstance(curves, Sparsification):
         curves = {"by confidence": curves}
+    _check("curves", curves, Mapping)
+    for curve in curves.values():
+        _check("curves", curve, Sparsification)
     fractions = measure != "epe"
     axes = _axes(ax)
     series = []
@@ -309,6 +318,7 @@ def reliability(table: Reliability, ax: Axes | None = None) -> Axes:
     ModuleNotFoundError
         Without matplotlib.
     """
+    _check("table", table, Reliability)
     axes = _axes(ax)
     axes.bar(
         table.edges[:-1],
@@ -424,6 +434,11 @@ def _axes(ax: Axes | None) -> Axes:
     return ax
 
 
+def _check(name: str, value: object, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be a {kind.__name__}, not {type(value).__name__}")
+
+
 def _map(estimate: Result | DisparityMap) -> DisparityMap:
     return check_disparity(estimate.disparity if isinstance(estimate, Result) else estimate)
 
@@ -471,6 +486,7 @@ def _area(value: float, measure: str) -> str:
 
 def _costs(result: Result, x: int, y: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """The candidates of a pixel and their costs, infinite where a candidate is not possible."""
+    _check("result", result, Result)
     if "costs" not in result.stages:
         raise ValueError('the result holds no costs: match with keep=("costs",)')
     height, width = result.disparity.shape

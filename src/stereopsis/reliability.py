@@ -81,7 +81,11 @@ def reliability(confidence: npt.NDArray[Any], correct: npt.NDArray[np.bool_], bi
     ([0.25, 0.9], [0.5, 1.0])
     """
     if not isinstance(correct, np.ndarray) or correct.dtype != np.bool_:
-        raise TypeError(f"correct must be an array of bool, not {getattr(correct, 'dtype', type(correct))}")
+        what = getattr(correct, "dtype", type(correct).__name__)
+        raise TypeError(f"correct must be an array of bool, not {what}")
+    if not isinstance(confidence, np.ndarray) or confidence.dtype.kind != "f":
+        what = getattr(confidence, "dtype", type(confidence).__name__)
+        raise TypeError(f"confidence must be an array of floats, not {what}")
     if not isinstance(bins, int) or isinstance(bins, bool):
         raise TypeError(f"bins must be a whole number, not {bins!r}")
     if bins < 1:

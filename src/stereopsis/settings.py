@@ -304,7 +304,7 @@ class Settings:
         """
         stored = {} if file is None else _read_toml(Path(file))
         given = dict(stored)
-        for assignment in assignments:
+        for assignment in (assignments,) if isinstance(assignments, str) else assignments:
             name, equals, value = assignment.partition("=")
             if not equals:
                 raise ValueError(f"a setting is given as NAME=VALUE, not {assignment!r}")
@@ -811,6 +811,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _parse_toml(text: str, source: str) -> dict[str, Any]:
+    if not isinstance(text, str):
+        raise TypeError(f"text must be a str, not {type(text).__name__}")
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: numbers of thousands of digits, too

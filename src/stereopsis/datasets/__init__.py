@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, overload
 
+from stereopsis._files import as_path
 from stereopsis.datasets.sample import Sample, check_name
 
 __all__ = ["Dataset", "Sample", "open"]
@@ -84,6 +85,8 @@ def open(path: str | os.PathLike[str]) -> Dataset:
 
     Raises
     ------
+    TypeError
+        `path` is none.
     OSError
         A folder cannot be listed, or the table cannot be read.
     ValueError
@@ -111,7 +114,7 @@ def open(path: str | os.PathLike[str]) -> Dataset:
     )
     from stereopsis.datasets.folder import Folder
 
-    place = Path(path)
+    place = as_path(path)
     if place.is_file() and place.suffix.lower() in table.SUFFIXES:
         return Dataset(table.NAME, place, _unique(place, table.read(place)))
     if not place.is_dir():

@@ -102,7 +102,9 @@ def identify(data: bytes) -> Format | None:
 
 
 def check_calibration(calibration: Calibration) -> Calibration:
-    """`calibration` itself, when its numbers can be a rectified pair's; ``ValueError`` otherwise."""
+    """`calibration` itself, when its numbers can be a rectified pair's; an error otherwise."""
+    if not isinstance(calibration, Calibration):
+        raise TypeError(f"calibration must be a Calibration, not {type(calibration).__name__}")
     for name in ("focal", "cx", "cy", "baseline", "doffs"):
         if not math.isfinite(getattr(calibration, name)):
             raise ValueError(f"{name} is {getattr(calibration, name)}; it must be finite")

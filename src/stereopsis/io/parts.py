@@ -14,9 +14,10 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._files import as_path, opened
 from stereopsis.io._errors import StrPath, naming
 from stereopsis.io.atomic import replacing
-from stereopsis.io.formats import Raster, identify, npy, pfm, png, tiff
+from stereopsis.io.formats import BEGINNING, Raster, identify, npy, pfm, png, tiff
 from stereopsis.io.formats._orientation import TAG
 from stereopsis.io.images import as_image, read_image
 from stereopsis.types import Image, Rectangle
@@ -91,21 +92,19 @@ def open_parts(path: StrPath) -> Iterator[Parts]:
     ValueError
         Its content is not an image, or damaged, also when that is found only as a part is read.
     """
-    if Path(path).is_dir():
+    if as_path(path).is_dir():
         yield _Zarr(path)
         return
-    with ExitStack() as stack:
-        file = stack.enter_context(Path(path).open("rb"))
+    with opened(path) as (file, _):
         format = identify(file.read(16))
-        file.seek(0)
+    with ExitStack() as stack:
         found: Parts | None = None
-        with naming(path):
-            if format == "tiff":
-                found = _tiff(path, file, stack)
-            elif format == "npy":
-                found = _npy(path, file)
+        if format in ("tiff", "npy"):
+            stored = stack.enter_context(Path(path).open("rb"))
+            with naming(path):
+                found = _tiff(path, stored, stack) if format == "tiff" else _npy(path, stored)
         if found is None:
-            file.close()
+            stack.close()
             found = _Decoded(read_image(path))
         yield found
 
@@ -153,7 +152,7 @@ class _Rows:
 
 
 def _npy(path: StrPath, file: BinaryIO) -> Parts | None:
-    shape, dtype, order, start = npy.layout(file.read(4096))
+    shape, dtype, order, start = npy.layout(file.read(BEGINNING))
     if order == "F":
         return None
     return _Rows(path, file, shape, dtype, start)
@@ -319,15 +318,12 @@ def create_map(path: StrPath, shape: tuple[int, int], dtype: npt.DTypeLike = np.
     ValueError
         The suffix is another, the extra is missing, or `path` is no plain file.
     """
+    check_map(path, dtype)
     kind, suffix = np.dtype(dtype), Path(path).suffix.lower()
-    if suffix not in PART_SUFFIXES:
-        raise ValueError(f"{path}: {', '.join(PART_SUFFIXES)} are written in parts, not {suffix!r}")
     if suffix == ".zarr":
         with _replacing_folder(path) as folder:
             yield _ZarrMap(folder, shape, kind)
         return
-    if suffix == ".pfm" and kind != np.float32:
-        raise ValueError(f"{path}: .pfm holds float32, not {kind}")
     if Path(path).exists() and not Path(path).is_file():
         raise ValueError(f"{path}: only a plain file can be written in parts")
     with replacing(path) as begun:
@@ -472,22 +468,25 @@ def _replacing_folder(path: StrPath) -> Iterator[Path]:
 # ---- before anything is done -------------------------------------------------------------------------
 
 
-def check_map(path: StrPath) -> None:
+def check_map(path: StrPath, dtype: npt.DTypeLike = np.float32) -> None:
     """Refuse a name that `create_map` would refuse.
 
     Raises
     ------
+    TypeError
+        `path` is none.
     ValueError
-        The suffix is another, or the extra for it is missing.
+        The suffix is another, or holds no such values, or the extra for it is missing.
     FileNotFoundError
         The folder does not exist.
     """
-    target = Path(path)
-    if target.suffix.lower() not in PART_SUFFIXES:
-        raise ValueError(
-            f"{path}: in tiles {', '.join(PART_SUFFIXES)} are written, not {target.suffix.lower()!r}"
-        )
-    if target.suffix.lower() == ".zarr":
+    target, kind = as_path(path), np.dtype(dtype)
+    suffix = target.suffix.lower()
+    if suffix not in PART_SUFFIXES:
+        raise ValueError(f"{path}: in tiles {', '.join(PART_SUFFIXES)} are written, not {suffix!r}")
+    if suffix == ".pfm" and kind != np.float32:
+        raise ValueError(f"{path}: .pfm holds float32, not {kind}")
+    if suffix == ".zarr":
         _require_zarr()
     if not target.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(target.parent))
@@ -501,11 +500,11 @@ def opening(path: StrPath) -> int:
     OSError
         The file cannot be read.
     """
-    if Path(path).is_dir():
+    if as_path(path).is_dir():
         return 0
-    with Path(path).open("rb") as file:
-        head = file.read(4096)
-    stored, format = Path(path).stat().st_size, identify(head)
+    with opened(path) as (file, stored):
+        head = file.read(BEGINNING)
+    format = identify(head)
     if format in ("tiff", "npy"):
         return 0
     if format in ("png", "jpeg"):

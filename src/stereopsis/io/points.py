@@ -111,6 +111,8 @@ def write_ply(path: StrPath, xyz: npt.NDArray[np.float32], rgb: npt.NDArray[np.u
 
     Raises
     ------
+    TypeError
+        `xyz` or `rgb` is no array.
     ValueError
         There is no point, a coordinate is not finite, or a shape or type is another.
     OSError
@@ -118,6 +120,9 @@ def write_ply(path: StrPath, xyz: npt.NDArray[np.float32], rgb: npt.NDArray[np.u
     """
     import trimesh
 
+    for name, array in (("xyz", xyz), ("rgb", rgb)):
+        if not isinstance(array, np.ndarray) and (name == "xyz" or array is not None):
+            raise TypeError(f"{name} must be an array, not {type(array).__name__}")
     if xyz.ndim != 2 or xyz.shape[1] != 3 or len(xyz) == 0:
         raise ValueError(f"xyz must have the shape (N, 3) with at least one point, not {xyz.shape}")
     if not np.isfinite(xyz).all():

@@ -8,10 +8,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from stereopsis._files import as_path
 from stereopsis.io import parts as files
 from stereopsis.io._errors import StrPath
 from stereopsis.settings import DEFAULT_PRESET, Settings, named
@@ -26,6 +28,8 @@ from stereopsis.types import Flag
 
 Progress = Callable[[int, int, str], None]
 """Called with how many tiles are finished, how many there are, and what is being done."""
+DTYPES = (np.float32, np.float32, np.uint8)
+"""Of the maps: disparity, confidence, flags."""
 SURVEYED = 80
 """Bytes a pixel of the bands that the images are surveyed in, at most."""
 SPARE = 16 * 2**20
@@ -134,14 +138,16 @@ def match(
 
     Raises
     ------
+    TypeError
+        For paths and settings that are none.
     ValueError
-        For images that differ, settings that need the whole image at once, or too little memory: it says
-        how much is needed.
+        For images that differ, a file that is written twice or also read, settings that need the whole
+        image at once, or too little memory: it says how much is needed.
     OSError
         A file cannot be read or written.
     """
     start = time.perf_counter()
-    outputs = _outputs(output, confidence, flags)
+    outputs = _outputs((left, right), output, confidence, flags)
     told = progress or (lambda finished, total, what: None)
     with ExitStack() as stack:
         sources, job = _prepare(left, right, settings, memory, told, stack)
@@ -213,7 +219,7 @@ def assemble(
     ValueError
         Where pieces are missing or come twice.
     """
-    return _assemble(job, pieces, _outputs(output, confidence, flags))
+    return _assemble(job, pieces, _outputs((job.left, job.right), output, confidence, flags))
 
 
 def whole_fits(left: StrPath, right: StrPath, settings: Settings, memory: int | str) -> tuple[bool, int]:
@@ -230,6 +236,7 @@ def whole_fits(left: StrPath, right: StrPath, settings: Settings, memory: int | 
     needed : int
         Bytes of the whole process.
     """
+    reach.check(settings)
     with ExitStack() as stack:
         limit = memory_.as_bytes(memory)
         sources = _open(left, right, limit, stack)
@@ -304,16 +311,25 @@ def _channels(source: files.Parts) -> int:
 
 
 def _outputs(
-    output: StrPath | Sequence[StrPath], confidence: StrPath | None, flags: StrPath | None
+    inputs: tuple[StrPath, StrPath],
+    output: StrPath | Sequence[StrPath],
+    confidence: StrPath | None,
+    flags: StrPath | None,
 ) -> list[tuple[StrPath, int]]:
     """Files, and which of the maps each holds."""
+    if not isinstance(output, str | os.PathLike | Sequence):
+        raise TypeError(f"output must be a path, or a sequence of paths, not {type(output).__name__}")
     disparities: list[StrPath] = [output] if isinstance(output, str | os.PathLike) else list(output)
     if not disparities:
         raise ValueError("output must name at least one file")
     found = [(path, 0) for path in disparities]
     found += [(path, number) for path, number in ((confidence, 1), (flags, 2)) if path is not None]
-    for path, _ in found:
-        files.check_map(path)
+    seen = {as_path(path).resolve() for path in inputs}
+    for path, number in found:
+        files.check_map(path, DTYPES[number])
+        if Path(path).resolve() in seen:
+            raise ValueError(f"{path} is also read, or written twice")
+        seen.add(Path(path).resolve())
     return found
 
 
@@ -342,8 +358,7 @@ def _assemble(job: Job, pieces: Iterable[Piece], outputs: list[tuple[StrPath, in
     with ExitStack() as stack:
         maps: tuple[list[files.Map], ...] = ([], [], [])
         for path, number in outputs:
-            dtype = np.uint8 if number == 2 else np.float32
-            maps[number].append(stack.enter_context(files.create_map(path, shape, dtype)))
+            maps[number].append(stack.enter_context(files.create_map(path, shape, DTYPES[number])))
         mosaic = Mosaic(job.known, *(_Copies(found) if found else None for found in maps))  # type: ignore[arg-type]
         arriving = iter(pieces)
         # A loop variable would keep the last piece while the next tile is matched.

@@ -15,7 +15,17 @@ from stereopsis.settings import Settings
 from stereopsis.supports import Gaussian
 from stereopsis.types import Disparities, Vertical
 
-UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "KI": 2**10, "MI": 2**20, "GI": 2**30, "TI": 2**40}
+UNITS = {
+    "": 1,
+    "K": 10**3,
+    "M": 10**6,
+    "G": 10**9,
+    "T": 10**12,
+    "KI": 2**10,
+    "MI": 2**20,
+    "GI": 2**30,
+    "TI": 2**40,
+}
 OUT = 9
 """Disparity, confidence and flags."""
 SCATTERED = 1.12

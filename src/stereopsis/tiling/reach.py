@@ -161,6 +161,7 @@ def measured(settings: Settings) -> tuple[str, ...]:
     tuple of str
         Their names; none where every pixel is the same.
     """
+    check(settings)
     named = {
         "optimize": isinstance(settings.optimize, sgm.SGM),
         "slant": settings.slant is not None,
@@ -176,9 +177,12 @@ def refuse(settings: Settings) -> None:
 
     Raises
     ------
+    TypeError
+        For what are no settings.
     ValueError
         Naming the setting, and what to set instead.
     """
+    check(settings)
     solver = settings.optimize
     if solver is not None and not isinstance(solver, sgm.SGM | optimize.SecondPass):
         raise ValueError(
@@ -197,6 +201,12 @@ def refuse(settings: Settings) -> None:
             raise ValueError(f"{name} must be {off} in tiles: it looks at the whole image at once")
     if settings.keep:
         raise ValueError(f"keep must be empty in tiles, not {settings.keep!r}: arrays are not put together")
+
+
+def check(settings: Settings) -> None:
+    """Raise TypeError for what are no settings."""
+    if not isinstance(settings, Settings):
+        raise TypeError(f"settings must be a Settings, not {type(settings).__name__}")
 
 
 def reaches_across(found: Halo) -> bool:

@@ -160,7 +160,7 @@ def legend(picture: Picture) -> Picture:
     bar = Image.new("RGB", (picture.shape[1], 26), "white")
     draw, font, x = ImageDraw.Draw(bar), ImageFont.load_default(15), 4
     for flag, colour in FLAG_COLOURS.items():
-        text = str(flag.name).lower().replace("_", " ")
+        text = flag.words
         draw.rectangle((x, 7, x + 14, 21), fill=colour)
         draw.text((x + 20, 4), text, fill="black", font=font)
         x += 44 + int(draw.textlength(text, font=font))

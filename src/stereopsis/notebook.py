@@ -154,7 +154,5 @@ def _flags(result: Result) -> str:
     counts = {flag: int(np.count_nonzero(result.flags & np.uint8(flag))) for flag in Flag}
     size = max(result.flags.size, 1)
     return ", ".join(
-        f"{str(flag.name).lower().replace('_', ' ')} {count} ({100 * count / size:.1f} %)"
-        for flag, count in counts.items()
-        if count
+        f"{flag.words} {count} ({100 * count / size:.1f} %)" for flag, count in counts.items() if count
     )

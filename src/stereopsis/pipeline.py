@@ -482,14 +482,13 @@ def _semi_global(
             )
             candidates = Disparities(-slant.MARGIN, max(slant.MARGIN, seen.span - slant.MARGIN))
             found, other_sums = winners(cost.Pixels(*views, pixels.step, pixels.limits), candidates, begin)
-            # A sum of path costs counts as it is, as a squared difference does: as cost and misfit at once.
             best = slant.Hypothesis(disparity, confidence, sums, sums, flags, plane)
             skip = top - begin
             slant.merge_pass(
                 best.from_row(top),
                 (found[0][skip:], found[1][skip:], found[2][skip:]),
                 other_sums[skip:],
-                cost.KINDS.index("ssd"),
+                slant.AS_IT_IS,
                 ground.from_row(top),
                 1,
                 1.0,
@@ -606,15 +605,24 @@ def _match_tiles(
 def _coarse(pixels: cost.Pixels, seen: Disparities, levels: int, threads: int) -> DisparityMap:
     """A reliable map of images that were halved so often, in their own pixels."""
     left, right = (rectify.pyramid(rectify.eight_bit(image[..., 0]), levels)[-1] for image in pixels[:2])
-    none = np.full((max(1, left.shape[0]), max(1, left.shape[1])), np.nan, np.float32)
+    found = _halved_map(left, right, seen, levels, 2.0, threads)
+    if found is None:
+        return np.full((max(1, left.shape[0]), max(1, left.shape[1])), np.nan, np.float32)
+    found[validate.speckle(found, 20, 1.0)] = np.nan
+    return found
+
+
+def _halved_map(
+    left: rectify.Bytes, right: rectify.Bytes, seen: Disparities, levels: int, uniqueness: float, threads: int
+) -> DisparityMap | None:
+    """A checked map of images that were halved so often; None where they hold no candidate."""
     if not left.size:
-        return none
+        return None
     candidates = _in_view(Disparities(seen.min >> levels, ((seen.max - 1) >> levels) + 2), left.shape[1], 1)
     if candidates is None:
-        return none
+        return None
     small = cost.Pixels(left[..., None], right[..., None], 1.0)
-    found, _, _ = _fused.match("zncc", small, candidates, (15, 7), "parabola", 1.0, 2.0, threads)
-    found[validate.speckle(found, 20, 1.0)] = np.nan
+    found, _, _ = _fused.match("zncc", small, candidates, (15, 7), "parabola", 1.0, uniqueness, threads)
     return found
 
 
@@ -1053,16 +1061,10 @@ def coarse_map(
     left: rectify.Bytes, right: rectify.Bytes, disparities: Disparities, width: int, threads: int = 0
 ) -> DisparityMap | None:
     """A map of images of so many columns that were halved as `estimate_vertical` does; None if too small."""
-    seen, count = _in_view(disparities, width, 1), rectify.levels(width)
-    rows, columns = left.shape
-    coarse = None
-    if seen is not None and min(rows, columns) >= 8:
-        coarse = _in_view(Disparities(seen.min >> count, ((seen.max - 1) >> count) + 2), columns, 1)
-    if coarse is None:
+    seen = _in_view(disparities, width, 1)
+    if seen is None or min(left.shape) < 8:
         return None
-    last = cost.Pixels(left[..., None], right[..., None], 1.0)
-    first, _, _ = _fused.match("zncc", last, coarse, (15, 7), "parabola", 1.0, 5.0, threads)
-    return first
+    return _halved_map(left, right, seen, rectify.levels(width), 5.0, threads)
 
 
 def shrunk(image: Image, factor: int) -> Image:

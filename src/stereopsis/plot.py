@@ -128,8 +128,7 @@ def flags(result: Result, ax: Axes | None = None) -> Axes:
     for flag, colour in colormaps.FLAG_COLOURS.items():
         share = float(np.mean((result.flags & np.uint8(flag)) != 0)) if result.flags.size else 0.0
         if share:
-            name = _words(flag)
-            handles.append(Patch(color=colormaps.hex_code(colour), label=f"{name} {100 * share:.1f} %"))
+            handles.append(Patch(color=colormaps.hex_code(colour), label=f"{flag.words} {100 * share:.1f} %"))
     if handles:
         axes.legend(handles=handles, **legend_above(len(handles)))
     return axes
@@ -243,7 +242,7 @@ def cost_curve(result: Result, x: int, y: int, ax: Axes | None = None, *, truth:
         axes.axvline(truth, color=COLOURS[-1], linestyle=":", linewidth=1.6, label=f"truth {truth:.2f}")
     axes.set_xlabel(_DISPARITY)
     axes.set_ylabel(f"cost ({type(result.settings.cost).__name__})")
-    because = ", ".join(_words(flag) for flag in Flag if result.flags[y, x] & flag)
+    because = ", ".join(flag.words for flag in Flag if result.flags[y, x] & flag)
     axes.set_title(f"x = {x}, y = {y}" + (f": {because}" if because else ""), fontsize="medium", loc="left")
     axes.legend(frameon=False, fontsize="small")
     return axes
@@ -474,10 +473,6 @@ def _listed(table: colormaps.Table, bad: str | None) -> Colormap:
 def _pixels(axes: Axes) -> None:
     axes.set_xlabel("x (px)")
     axes.set_ylabel("y (px)")
-
-
-def _words(flag: Flag) -> str:
-    return str(flag.name).lower().replace("_", " ")
 
 
 def _area(value: float, measure: str) -> str:

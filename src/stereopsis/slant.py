@@ -308,6 +308,11 @@ PIXELS_A_SAMPLE = 16
 """How many pixels of a window are taken to tell as much as one independent sample."""
 
 
+AS_IT_IS = 1
+"""The kind, in the core's order, of costs that are misfits as they are: squared differences, and sums of path
+costs."""
+
+
 def merge_pass(
     best: Hypothesis,
     found: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.uint8]],
@@ -337,7 +342,7 @@ def merge_pass(
     found : disparity, confidence and flags, (H, W + 2 margin) each
     cost : ndarray of float32, (H, W + 2 margin)
     kind : int
-        The cost's number in the core's order.
+        The cost's number in the core's order; `AS_IT_IS` for sums of path costs.
     plane : Plane
     number : int
         What `Hypothesis.plane` is to hold.

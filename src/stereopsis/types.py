@@ -46,6 +46,11 @@ class Flag(enum.IntFlag):
     FILLED = 128
     """Was invalid and has been filled from its neighbours."""
 
+    @property
+    def words(self) -> str:
+        """Its name as a text has it, such as "out of view"."""
+        return str(self.name).lower().replace("_", " ")
+
 
 class Disparities(NamedTuple):
     """A half-open range of integer disparities, like Python's ``range``: `max` is excluded."""

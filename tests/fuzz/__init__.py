@@ -218,17 +218,24 @@ def _number(rng: random.Random, data: bytes) -> bytes:
     return data[: hit.start()] + rng.choice(_NUMBERS).encode() + data[hit.end() :]
 
 
+def _rearrange(parts: list[Any], at: int, to: int, how: int) -> None:
+    """One of them gone, twice, or in another's place."""
+    match how:
+        case 0:
+            del parts[at]
+        case 1:
+            parts.insert(to, parts[at])
+        case _:
+            parts[at], parts[to] = parts[to], parts[at]
+
+
 def _lines(rng: random.Random, data: bytes) -> bytes:
     """A line twice, gone, elsewhere, or of another file's words."""
     lines = data.split(b"\n")
     at, to = rng.randrange(len(lines)), rng.randrange(len(lines))
     match rng.randrange(4):
-        case 0:
-            lines.insert(to, lines[at])
-        case 1:
-            del lines[at]
-        case 2:
-            lines[at], lines[to] = lines[to], lines[at]
+        case 0 | 1 | 2 as how:
+            _rearrange(lines, at, to, (1, 0, 2)[how])
         case _:
             lines[at] = rng.choice(_WORDS) + lines[at] + rng.choice(_WORDS)
     return b"\n".join(lines)
@@ -265,12 +272,8 @@ def _png(rng: random.Random, data: bytes) -> bytes:
         return data
     at, to = rng.randrange(len(chunks)), rng.randrange(len(chunks))
     match rng.randrange(7):
-        case 0:
-            del chunks[at]
-        case 1:
-            chunks.insert(to, chunks[at])
-        case 2:
-            chunks[at], chunks[to] = chunks[to], chunks[at]
+        case 0 | 1 | 2 as how:
+            _rearrange(chunks, at, to, how)
         case 3:
             kind = rng.choice(
                 (
@@ -380,12 +383,8 @@ def _jpeg(rng: random.Random, data: bytes) -> bytes:
         return data
     one, to = rng.randrange(len(segments)), rng.randrange(len(segments))
     match rng.randrange(5):
-        case 0:
-            del segments[one]
-        case 1:
-            segments.insert(to, segments[one])
-        case 2:
-            segments[one], segments[to] = segments[to], segments[one]
+        case 0 | 1 | 2 as how:
+            _rearrange(segments, one, to, how)
         case 3:
             segments[one][1] = rng.choice((*range(0xC0, 0xD0), 0xD9, 0xDA, 0xDB, 0xDD, 0xE1, 0xFE, 0xFF))
         case _:

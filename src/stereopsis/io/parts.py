@@ -32,28 +32,27 @@ CLASSIC = 2**32 - 2**25
 """A TIFF of more bytes is a BigTIFF."""
 
 
-class Parts(Protocol):
-    """An image that is read in parts.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        ``(H, W)`` or ``(H, W, 3)``.
-    dtype : dtype
-        uint8, uint16 or float32.
-    passing : int
-        Bytes in memory while it is read, beside the pixels as the file has them.
-    """
+class Source(Protocol):
+    """An image that is read in parts."""
 
     @property
-    def shape(self) -> tuple[int, ...]: ...
+    def shape(self) -> tuple[int, ...]:
+        """``(H, W)`` or ``(H, W, 3)``."""
+
     @property
-    def dtype(self) -> np.dtype[Any]: ...
-    @property
-    def passing(self) -> int: ...
+    def dtype(self) -> np.dtype[Any]:
+        """uint8, uint16 or float32."""
 
     def read(self, part: Rectangle) -> Image:
         """The pixels of a rectangle."""
+
+
+class Parts(Source, Protocol):
+    """An image in a file that is read in parts."""
+
+    @property
+    def passing(self) -> int:
+        """Bytes in memory while it is read, beside the pixels as the file has them."""
 
 
 class Map(Protocol):

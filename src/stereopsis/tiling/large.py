@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from stereopsis._files import as_path
 from stereopsis.io import parts as files
@@ -24,7 +25,7 @@ from stereopsis.tiling.mosaic import Mosaic
 from stereopsis.tiling.parts import Known, Piece, match_tile
 from stereopsis.tiling.plan import Plan, plan
 from stereopsis.tiling.survey import BAND, survey, with_planes
-from stereopsis.types import Flag
+from stereopsis.types import Flag, Rectangle
 
 Progress = Callable[[int, int, str], None]
 """Called with how many tiles are finished, how many there are, and what is being done."""
@@ -343,10 +344,10 @@ class _Copies:
     def __init__(self, maps: list[files.Map]) -> None:
         self._maps = maps
 
-    def read(self, part: Any) -> Any:
+    def read(self, part: Rectangle) -> npt.NDArray[Any]:
         return self._maps[0].read(part)
 
-    def write(self, part: Any, values: Any) -> None:
+    def write(self, part: Rectangle, values: npt.NDArray[Any]) -> None:
         for map in self._maps:
             map.write(part, values)
 
@@ -359,7 +360,9 @@ def _assemble(job: Job, pieces: Iterable[Piece], outputs: list[tuple[StrPath, in
         maps: tuple[list[files.Map], ...] = ([], [], [])
         for path, number in outputs:
             maps[number].append(stack.enter_context(files.create_map(path, shape, DTYPES[number])))
-        mosaic = Mosaic(job.known, *(_Copies(found) if found else None for found in maps))  # type: ignore[arg-type]
+        disparity, *others = maps
+        copies = (_Copies(found) if found else None for found in others)
+        mosaic = Mosaic(job.known, _Copies(disparity), *copies)
         arriving = iter(pieces)
         # A loop variable would keep the last piece while the next tile is matched.
         while (piece := next(arriving, None)) is not None:
@@ -382,6 +385,3 @@ def _assemble(job: Job, pieces: Iterable[Piece], outputs: list[tuple[StrPath, in
         time.perf_counter() - start,
         measured,
     )
-
-
-__all__ = ["Job", "Tiled", "assemble", "match", "prepare", "whole_fits"]

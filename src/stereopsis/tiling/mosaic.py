@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis.io.parts import Map
 from stereopsis.tiling.parts import Known, Piece, repeats_rows
 from stereopsis.types import Flag, Rectangle
 
 
-class Sink(Protocol):
-    """A map that is written in parts."""
-
-    def read(self, part: Rectangle) -> npt.NDArray[Any]:
-        """What was written there."""
-
-    def write(self, part: Rectangle, values: npt.NDArray[Any]) -> None:
-        """The values of a rectangle."""
-
-
 class Canvas(NamedTuple):
-    """An array as a `Sink`."""
+    """An array as a `Map`."""
 
     array: npt.NDArray[Any]
 
@@ -41,16 +32,16 @@ class Mosaic:
     Parameters
     ----------
     known : Known
-    disparity : Sink
+    disparity : Map
         Of float32.
-    confidence, flags : Sink, optional
+    confidence, flags : Map, optional
         Of float32, and of uint8.
     """
 
     def __init__(
-        self, known: Known, disparity: Sink, confidence: Sink | None = None, flags: Sink | None = None
+        self, known: Known, disparity: Map, confidence: Map | None = None, flags: Map | None = None
     ) -> None:
-        self._sinks = disparity, confidence, flags
+        self._maps = disparity, confidence, flags
         self._shape = known.frame.shape
         self._repeats = repeats_rows(known.settings)
         self._answered_rows = np.zeros(self._shape[0], bool)
@@ -71,9 +62,9 @@ class Mosaic:
     def add(self, piece: Piece) -> None:
         """Write a piece where it belongs."""
         maps: tuple[npt.NDArray[Any], ...] = piece.disparity, piece.confidence, piece.flags
-        for sink, values in zip(self._sinks, maps, strict=True):
-            if sink is not None:
-                sink.write(piece.core, values)
+        for into, values in zip(self._maps, maps, strict=True):
+            if into is not None:
+                into.write(piece.core, values)
         finite = np.isfinite(piece.disparity)
         self._answered += int(np.count_nonzero(finite))
         for bit in range(8):
@@ -96,7 +87,7 @@ class Mosaic:
                 self._repeat(self._outermost[source], row)
 
     def _repeat(self, values: npt.NDArray[np.float32], row: int) -> None:
-        disparity, _, flags = self._sinks
+        disparity, _, flags = self._maps
         assert disparity is not None
         part, filled = Rectangle(row, row + 1, 0, self._shape[1]), np.isfinite(values)
         disparity.write(part, values[None])

@@ -4,31 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from stereopsis import pipeline
+from stereopsis.io.parts import Source
 from stereopsis.settings import Settings
 from stereopsis.tiling import reach
 from stereopsis.tiling.grid import Tile
 from stereopsis.types import DisparityMap, Flag, Frame, Image, Rectangle
-
-
-class Source(Protocol):
-    """An image that can be read in parts."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """``(H, W)`` or ``(H, W, 3)``."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """uint8, uint16 or float32."""
-
-    def read(self, part: Rectangle) -> Image:
-        """The pixels of a rectangle."""
 
 
 class Array(NamedTuple):

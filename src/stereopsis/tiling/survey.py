@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import cost, noise, pipeline, pixelwise, rectify, sgm, slant, validate
+from stereopsis.io.parts import Source
 from stereopsis.settings import Settings, WindowCost
 from stereopsis.tiling import reach
 from stereopsis.tiling.grid import Tile, tile
-from stereopsis.tiling.parts import Known, Source, match_tile
+from stereopsis.tiling.parts import Known, match_tile
 from stereopsis.types import Disparities, Frame, Halo, Pair, Rectangle, Vertical
 
 BAND = 2**25

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,27 +54,39 @@ def identify(data: bytes) -> str | None:
     return None
 
 
-def decode(data: bytes) -> Raster:
-    """Decode the bytes of a pixel file; whatever they are, an exception is the worst that happens."""
-    format = identify(data)
-    match format:
+class _Codec(NamedTuple):
+    """A format: how its files are decoded, and how many bytes one may have that begins so."""
+
+    format: str
+    decode: Callable[[bytes], npt.NDArray[Any]]
+    most_bytes: Callable[[bytes], int] = lambda start: MAX_BYTES
+
+
+def _codec(data: bytes) -> _Codec:
+    match identify(data):
         case "png":
-            pixels = png.decode(data)
+            return _Codec("png", png.decode, png.most_bytes)
         case "jpeg":
-            pixels = jpeg.decode(data)
+            return _Codec("jpeg", jpeg.decode)
         case "tiff":
-            pixels = tiff.decode(data)
+            return _Codec("tiff", tiff.decode)
         case "netpbm":
-            pixels = netpbm.decode(data)
+            return _Codec("netpbm", netpbm.decode, netpbm.most_bytes)
         case "pfm":
-            pixels = pfm.decode(data)
+            return _Codec("pfm", pfm.decode, pfm.most_bytes)
         case "npy":
-            pixels = npy.decode(data)
+            return _Codec("npy", npy.decode, npy.most_bytes)
         case _:
             raise _unknown(data)
+
+
+def decode(data: bytes) -> Raster:
+    """Decode the bytes of a pixel file; whatever they are, an exception is the worst that happens."""
+    codec = _codec(data)
+    pixels = codec.decode(data)
     if pixels.ndim == 3 and pixels.shape[2] == 1:
         pixels = pixels[..., 0]
-    return Raster(np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("=")), format)
+    return Raster(np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("=")), codec.format)
 
 
 def load(path: StrPath) -> Raster:
@@ -97,18 +110,6 @@ def load(path: StrPath) -> Raster:
 
 def check_size(start: bytes, size: int) -> None:
     """Refuse what is no pixel file, and one of more bytes than its beginning, up to `BEGINNING`, allows."""
-    match identify(start):
-        case "png":
-            most = png.most_bytes(start)
-        case "netpbm":
-            most = netpbm.most_bytes(start)
-        case "pfm":
-            most = pfm.most_bytes(start)
-        case "npy":
-            most = npy.most_bytes(start)
-        case "jpeg" | "tiff":
-            most = MAX_BYTES
-        case _:
-            raise _unknown(start)
+    most = _codec(start).most_bytes(start)
     if size > most + _ROOM:  # of less, the decoders say more
         raise ValueError(f"wrong size: the header announces {most} bytes at most, the file holds {size}")

@@ -340,7 +340,7 @@ def test_a_name_that_another_pair_has_here(tmp_path: Path, client: Any) -> None:
     identity = record.Identity.of([], SETTINGS, "png", False)
     job = work.Job(store.at(out), SETTINGS, "png", False, identity.run, identity.version)
     before = files(out)
-    ((_, answer),), _ = work.pairs(job, [work.Item(0, Made("A", 2), "a")])
+    (answer,), _ = work.pairs(job, [work.Item(0, Made("A", 2), "a")])
     assert answer == batch.Failure("A", "its file is that of the pair 'a' here")
     assert files(out) == before
 

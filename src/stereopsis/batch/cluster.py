@@ -34,6 +34,16 @@ LARGEST: Final = 64
 """Pairs in a task at most: what a client has to hold of each is small, and so is what it waits for."""
 
 
+CALM: Final = {
+    # An hour of profiles is kept, and is all that would grow in a worker.
+    "distributed.worker.profile.enabled": False,
+    # Looking after idle processes so often as Dask does takes 5 % of a core, which the workers need.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "1s",
+}
+"""Dask's own settings, of processes of this machine."""
+
 KEPT: Final = "what is finished is kept, and the same run again goes on"
 
 
@@ -90,8 +100,7 @@ def local(workers: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     preload.steady()
-    # Dask profiles its workers; an hour of that is kept, and it is all that would grow in them.
-    with _quiet(), dask.config.set({"distributed.worker.profile.enabled": False}):
+    with _quiet(), dask.config.set(CALM):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

@@ -328,7 +328,8 @@ def _limited(settings: Settings) -> Settings:
 
 def _facts(result: Result) -> Row:
     height, width = result.disparity.shape
-    flagged = {flag: int(np.count_nonzero(result.flags & flag)) for flag in Flag}
+    counts = np.bincount(result.flags.ravel(), minlength=256)
+    flagged = {flag: int(counts[np.arange(256) & flag > 0].sum()) for flag in Flag}
     return _row(width, height, result.settings.disparities, result.density, flagged)
 
 

@@ -81,6 +81,7 @@ def run(
     workers: int | None = None,
     evaluate: bool = False,
     format: str = "png",
+    memory: int | str | None = None,
     resume: bool = True,
     overwrite: bool = False,
     storage_options: Mapping[str, Any] | None = None,
@@ -116,6 +117,9 @@ def run(
         Score each map that has truth, as its file has it, inside the data set's mask where it has one.
     format : {"png", "pfm", "npy", "tif", "tiff"}
         What the maps are written as; see `stereopsis.write_disparity`.
+    memory : int or str, optional
+        What a worker may take for a pair, in bytes or such as ``"2GiB"``. A larger pair of files is matched
+        in tiles, which are spread over the workers: into "tif", "tiff", "npy" or "pfm", without a score.
     resume : bool, default True
         Go on with the run that `out` holds. False: refuse to.
     overwrite : bool, default False
@@ -144,6 +148,7 @@ def run(
     """
     require()
     from stereopsis.batch import cluster, job, record, store, work
+    from stereopsis.tiling.memory import as_bytes
 
     start = time.monotonic()
     if settings is not None and not isinstance(settings, Settings):
@@ -156,7 +161,8 @@ def run(
         raise ValueError("client must not be asynchronous")
     chosen = PRESETS[DEFAULT_PRESET] if settings is None else settings
     threads = max(1, chosen.threads)
-    identity = record.Identity.of(samples, chosen, format, evaluate)
+    most = None if memory is None else as_bytes(memory)
+    identity = record.Identity.of(samples, chosen, format, evaluate, most)
     place = store.at(out, storage_options)
     todo = work.Job(
         place,
@@ -165,6 +171,7 @@ def run(
         evaluate,
         identity.run,
         identity.version,
+        most,
     )
     reached: AbstractContextManager[Any]
     if client is not None:

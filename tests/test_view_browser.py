@@ -7,13 +7,9 @@ import csv
 import io
 import os
 import re
-import shutil
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,19 +25,10 @@ if os.environ.get("STEREOPSIS_NO_BROWSER"):
     pytest.skip("STEREOPSIS_NO_BROWSER is set", allow_module_level=True)
 
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-FLAGS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
+from view_browser import MissingBrowserError, chromium, served
+
 PATIENCE = 60_000  # milliseconds, for a machine that is busy with something else
 
 
@@ -52,24 +39,6 @@ class Served:
     address: str
     scene: Any = None
     folder: Path | None = None
-
-
-@contextmanager
-def served(*arguments: str | Path) -> Iterator[str]:
-    """The address of ``stereopsis view`` with some arguments."""
-    command = [sys.executable, "-m", "stereopsis", "view", "--no-browser", *map(str, arguments)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
-        assert process.stderr is not None
-        try:
-            said = ""
-            while not (found := re.search(r"http://\S+?/(?=[;\s])", said)):
-                line = process.stderr.readline()
-                assert line, f"stereopsis view ended: {said}"
-                said += line
-            yield found[0]
-        finally:
-            process.terminate()
-            process.wait(20)
 
 
 def written(folder: Path, name: str, scene: Any, suffix: str = "png") -> list[Path]:
@@ -90,16 +59,11 @@ def small(seed: int = 0, **more: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    program = os.environ.get("STEREOPSIS_BROWSER") or next(filter(None, map(shutil.which, BROWSERS)), None)
-    if program is None:
-        pytest.fail(
-            "no Chromium is installed: run 'sh tools/browser.sh', name one with STEREOPSIS_BROWSER, "
-            "or leave these tests out with STEREOPSIS_NO_BROWSER=1"
-        )
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
-        yield browser
-        browser.close()
+    try:
+        with chromium() as browser:
+            yield browser
+    except MissingBrowserError as error:
+        pytest.fail(f"{error}, or leave these tests out with STEREOPSIS_NO_BROWSER=1")
 
 
 @pytest.fixture(scope="module")
@@ -150,8 +114,9 @@ def visit(browser: Browser) -> Iterator[Callable[..., Page]]:
     pages, complaints = [], []
 
     def heard(message: ConsoleMessage) -> None:
-        # The browser itself reports each answer that refuses something.
-        if message.type in ("error", "warning") and "Failed to load resource" not in message.text:
+        # The browser's own: each answer that refuses something; what WebGL costs without a card.
+        own = ("Failed to load resource", "GPU stall due to ReadPixels")
+        if message.type in ("error", "warning") and not any(text in message.text for text in own):
             complaints.append(f"{message.text} {message.location}")
 
     def opened(address: str, hash: str = "", width: int = 1440, height: int = 900, **more: Any) -> Page:

@@ -60,4 +60,4 @@ def served(*arguments: str | Path) -> Iterator[str]:
             yield found[0]
         finally:
             process.terminate()
-            process.wait(20)
+            process.wait(60)

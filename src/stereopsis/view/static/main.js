@@ -314,6 +314,7 @@ async function start() {
       read();
       curve();
       space.changed();
+      document.documentElement.dataset.told = result.result;
     });
   });
   session.addEventListener("arrays", () => {

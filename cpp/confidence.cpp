@@ -13,17 +13,21 @@ namespace {
 template <class T>
 struct SlidingBox {
   SlidingBox(const std::vector<T>& map, int height, int width, int side, int y)
-      : map(map.data()), height(height), width(width), reach(side / 2), next(y - side / 2), column(width), sums(width) {
+      : map(map.data()), height(height), width(width), reach(side / 2), next(y - side / 2), column(width + side), sums(width) {
     for (; next < y + reach; ++next) add(next, 1);
   }
   // The row after the one before; the first: y.
   const T* row() {
     add(next, 1);
+    T *first = column.data() + reach, *last = first + width - 1;
+    std::fill(column.data(), first, *first);
+    std::fill(last + 1, column.data() + column.size(), *last);
+    const int side = 2 * reach + 1;
     T sum = 0;
-    for (int x = -reach; x <= reach; ++x) sum += column[clamped(x, width)];
+    for (int u = 0; u < side; ++u) sum += column[u];
     for (int x = 0; x < width; ++x) {
       sums[x] = sum;
-      sum += column[clamped(x + reach + 1, width)] - column[clamped(x - reach, width)];
+      sum += column[x + side] - column[x];
     }
     add(next - 2 * reach, -1);
     ++next;
@@ -31,10 +35,10 @@ struct SlidingBox {
   }
 
  private:
-  static int clamped(int v, int size) { return std::min(std::max(v, 0), size - 1); }
-  void add(int y, int sign) {
-    const T* row = map + static_cast<size_t>(clamped(y, height)) * width;
-    for (int x = 0; x < width; ++x) column[x] += sign * row[x];
+  void add(int y, T sign) {
+    const T* row = map + static_cast<size_t>(std::min(std::max(y, 0), height - 1)) * width;
+    T* inner = column.data() + reach;
+    for (int x = 0; x < width; ++x) inner[x] += sign * row[x];
   }
   const T* map;
   int height, width, reach, next;
@@ -46,7 +50,8 @@ struct SlidingBox {
 constexpr float kLevels = 16, kSharpness = 65536;
 constexpr float kJump = 1.5f, kFarOff = 3;
 
-int32_t whole(float value) { return static_cast<int32_t>(std::lrintf(value)); }
+// To the nearest, of two to the even one: so large a number has no fraction. Up to 2^21 either way.
+inline int32_t whole(float value) { return static_cast<int32_t>(value + 12582912.0f) - 12582912; }
 
 }  // namespace
 
@@ -54,7 +59,7 @@ void probability(const AnsweredMap& map, const LogisticModel& model, float* conf
   const int height = map.height, width = map.width;
   const size_t size = static_cast<size_t>(height) * width;
   std::vector<int32_t> valid(size), jump(size), off(size), sharp(size), level(size);
-  std::vector<int64_t> square(size);
+  std::vector<double> square(size);  // their sums are exact as well
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = 0; x < width; ++x) {
@@ -69,7 +74,7 @@ void probability(const AnsweredMap& map, const LogisticModel& model, float* conf
         off[at] = whole(kLevels * (valid[at] && moved < kFarOff ? moved : kFarOff));
         sharp[at] = whole(kSharpness * map.sharpness[at]);
         level[at] = whole(kLevels * std::min(std::max(here, -8192.0f), 8192.0f));
-        square[at] = static_cast<int64_t>(level[at]) * level[at];
+        square[at] = static_cast<double>(level[at]) * level[at];
       }
   });
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
@@ -77,18 +82,21 @@ void probability(const AnsweredMap& map, const LogisticModel& model, float* conf
     auto valid_box = box(valid, 21), jump_box = box(jump, 31), off_box = box(off, 5), sharp_box = box(sharp, 15);
     auto level_near = box(level, 5), level_wide = box(level, 15), level_widest = box(level, 31);
     auto square_box = box(square, 31);
+    std::vector<float> scores(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       const int32_t *valids = valid_box.row(), *jumps = jump_box.row(), *offs = off_box.row(), *sharps = sharp_box.row();
       const int32_t *near = level_near.row(), *wide = level_wide.row(), *widest = level_widest.row();
-      const int64_t* squares = square_box.row();
+      const double* squares = square_box.row();
+      const size_t start = static_cast<size_t>(y) * width;
+      const float *sharpness = map.sharpness + start, *texture = map.texture + start;
+      const int32_t *own = level.data() + start, *on = valid.data() + start;
       for (int x = 0; x < width; ++x) {
-        const size_t at = static_cast<size_t>(y) * width + x;
-        const int64_t sum = widest[x], variance = 961 * squares[x] - sum * sum;
-        const float spread = std::sqrt(static_cast<float>(variance)) / (961 * kLevels);
-        const float off_near = std::fabs(level[at] - near[x] / 25.0f) / kLevels;
-        const float off_wide = std::fabs(level[at] - wide[x] / 225.0f) / kLevels;
-        const float drawn = offs[x] / (25 * kLevels), texture = map.texture[at];
-        const float features[LogisticModel::kFeatures] = {map.sharpness[at],
+        const double sum = widest[x], variance = std::max(961 * squares[x] - sum * sum, 0.0);
+        const float spread = static_cast<float>(std::sqrt(variance)) / (961 * kLevels);
+        const float off_near = std::fabs(own[x] - near[x] / 25.0f) / kLevels;
+        const float off_wide = std::fabs(own[x] - wide[x] / 225.0f) / kLevels;
+        const float drawn = offs[x] / (25 * kLevels);
+        const float features[LogisticModel::kFeatures] = {sharpness[x],
                                                           sharps[x] / (225 * kSharpness),
                                                           valids[x] / 441.0f,
                                                           drawn / (drawn + 0.5f),
@@ -96,15 +104,20 @@ void probability(const AnsweredMap& map, const LogisticModel& model, float* conf
                                                           off_near / (off_near + 1),
                                                           off_wide / (off_wide + 1),
                                                           spread / (spread + 2),
-                                                          texture / (texture + 8),
+                                                          texture[x] / (texture[x] + 8),
                                                           1};
-        const float* weights = valid[at] ? model.answered : model.filled;
-        float score = 0;
-        for (int k = 0; k < LogisticModel::kFeatures; ++k) score += weights[k] * features[k];
+        float answered = 0, filled = 0;
+        for (int k = 0; k < LogisticModel::kFeatures; ++k) {
+          answered += model.answered[k] * features[k];
+          filled += model.filled[k] * features[k];
+        }
+        scores[x] = on[x] ? answered : filled;
+      }
+      for (int x = 0; x < width; ++x) {
         // The logistic function, straight between the table's entries.
-        const float place = std::min(std::max((score + 8) * 16, 0.0f), 255.99f);
+        const float place = std::min(std::max((scores[x] + 8) * 16, 0.0f), 255.99f);
         const int cell = static_cast<int>(place);
-        confidence[at] = model.logistic[cell] + (place - cell) * (model.logistic[cell + 1] - model.logistic[cell]);
+        confidence[start + x] = model.logistic[cell] + (place - cell) * (model.logistic[cell + 1] - model.logistic[cell]);
       }
     }
   });

@@ -241,11 +241,18 @@ void edge_aware(const float* disparity, const SurfaceGuide& guide, int height, i
                 const Workers& workers);
 // How probable it is that each answer is right, from the map around it. The logistic function from -8 to 8 in steps of 1/16.
 struct LogisticModel {
-  static constexpr int kFeatures = 11;
+  static constexpr int kFeatures = 10;
   const float *answered, *filled, *logistic;
 };
-void probability(const float* surface, const uint8_t* answered, const float* sharpness, int height, int width,
-                 const LogisticModel& model, float* confidence, const Workers& workers);
+// A map without holes; where it was matched; how sharp the winners' minima are, where they lay before any filter (NaN: none),
+// and the image's mean gradient.
+struct AnsweredMap {
+  const float* surface;
+  const uint8_t* answered;
+  const float *sharpness, *winners, *texture;
+  int height, width;
+};
+void probability(const AnsweredMap& map, const LogisticModel& model, float* confidence, const Workers& workers);
 
 // ---- refine from the images -------------------------------------------------------------------------------------------
 // A pair of int32 pixels. `start` and `disparity` are (H, W); where `start` is NaN, or nothing better is found, so it stays.

@@ -847,7 +847,8 @@ void test_after_the_checks() {
       std::vector<float> surface(found[3]);
       for (auto& value : surface)
         if (std::isnan(value)) value = 0;
-      probability(surface.data(), occluded.data(), sharpness.data(), H, W, model, found[4].data(), workers);
+      const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
+      probability(answers, model, found[4].data(), workers);
       bool right = true, any = false;
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {

@@ -384,6 +384,8 @@ def probability(
     surface: _F32,
     answered: _U8,
     sharpness: _F32,
+    winners: _F32,
+    texture: _F32,
     weights: _F32,
     logistic: _F32,
     out: _F32,

@@ -883,6 +883,18 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.def("outlines", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
+                       const Array<const uint8_t, 2>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
+                       int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    for (const auto& bytes : {doubtful, image}) require_shape(bytes, H, W);
+    require_shape(alike, 256);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) {
+      outlines(disparity.data(), doubtful.data(), image.data(), alike.data(), H, W, out.data(), workers);
+    });
+  });
+
   m.def("align", [](const Pixels& left, const Pixels& right, int window_width, int window_height, int alignment, bool centred,
                     bool bytes, const Array<const float, 2>& start, const Array<float, 2>& disparity, int threads) {
     const AlignedPair pair = aligned_pair(left, right);

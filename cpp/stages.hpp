@@ -284,5 +284,9 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
 // Surfaces go on into holes: what surrounds a hole, smoothed along the guide's edges, where it agrees; else the lower side.
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers);
+// What is doubtful beside a jump goes to the nearer surface where more of what looks like it, and is not doubtful, lies on it.
+// `alike`: the weight of a vote by the difference of grey levels, 256 of them.
+void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, const int32_t* alike, int height, int width,
+              float* moved, const Workers& workers);
 
 }  // namespace stereopsis

@@ -108,6 +108,7 @@ def match(
     edge_aware: tuple[float, float] | float | None = UNSET,
     confidence: str | None = UNSET,
     least_confidence: float | None = UNSET,
+    outlines: bool = UNSET,
     pyramid: int | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
@@ -135,7 +136,9 @@ def match(
         As in `Settings`.
     left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
         As in `Settings`.
-    weighted_median, edge_aware, confidence, least_confidence, pyramid, step, disparity_step, threads, keep
+    weighted_median, edge_aware, confidence, least_confidence, outlines, pyramid, step, disparity_step
+        As in `Settings`.
+    threads, keep
         As in `Settings`.
 
     Returns
@@ -193,6 +196,7 @@ def match(
             ("edge_aware", edge_aware),
             ("confidence", confidence),
             ("least_confidence", least_confidence),
+            ("outlines", outlines),
             ("pyramid", pyramid),
             ("step", step),
             ("disparity_step", disparity_step),
@@ -373,6 +377,10 @@ def _match(
     if chosen.least_confidence is not None:
         doubtful = ~holes & (confidence < chosen.least_confidence)
         _doubt(doubtful, chosen.fill, disparity, confidence, flags)
+    if chosen.outlines:
+        with _timed(timings, "outlines"):
+            doubtful = (flags & Flag.FILLED) != 0
+            disparity = fill.outlines(disparity, doubtful, _fused.guide_of(pixels), chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
@@ -589,6 +597,7 @@ def _match_tiles(
         ),
         **dict.fromkeys(("weighted_median", "edge_aware", "confidence", "least_confidence")),
         sky=False,
+        outlines=False,
         keep=(),
         subpixel=_fit(chosen.subpixel),
     )

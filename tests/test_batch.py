@@ -477,6 +477,7 @@ def test_plain_names_stay_plain() -> None:
 @pytest.mark.parametrize(
     ("given_", "error", "message"),
     [
+        ({"samples": "kitti2015"}, TypeError, r"stereopsis.datasets.open\('kitti2015'\) gives, not a path"),
         ({"settings": "fast"}, TypeError, "settings must be Settings or None, not str"),
         ({"format": "jpg"}, ValueError, "format must be one of png, pfm"),
         ({"workers": 0}, ValueError, "workers must be a whole number from 1"),
@@ -488,7 +489,7 @@ def test_refuses_what_is_not_allowed(
     given_: dict[str, Any], error: type[Exception], message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(error, match=message):
-        batch.run([], out=tmp_path / "out", **given_)
+        batch.run(**{"samples": [], "out": tmp_path / "out", **given_})
     assert not (tmp_path / "out").exists()
 
 
@@ -496,6 +497,7 @@ def test_workers_and_threads_never_exceed_the_cores() -> None:
     for cores in (1, 2, 7, 64):
         for threads in (1, 2, 5):
             assert batch._workers(None, threads, cores) * threads <= max(cores, threads)
+    assert [batch._workers(None, 2, 8, room) for room in (None, 9, 3, 0)] == [4, 4, 3, 1]
     with pytest.raises(ValueError, match="from 1 to 4 with 2 threads each, not 5"):
         batch._workers(5, 2, 8)
 

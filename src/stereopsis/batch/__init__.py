@@ -112,7 +112,7 @@ def run(
     scheduler : str, optional
         The address of a Dask scheduler instead, such as ``tcp://host:8786``.
     workers : int, optional
-        Processes of this machine. By default, one for each core.
+        Processes of this machine. By default, one for each core, as far as `memory` lets them.
     evaluate : bool, default False
         Score each map that has truth, as its file has it, inside the data set's mask where it has one.
     format : {"png", "pfm", "npy", "tif", "tiff"}
@@ -151,6 +151,8 @@ def run(
     from stereopsis.tiling.memory import as_bytes
 
     start = time.monotonic()
+    if isinstance(samples, str | os.PathLike):
+        raise TypeError(f"samples must be what stereopsis.datasets.open({str(samples)!r}) gives, not a path")
     if settings is not None and not isinstance(settings, Settings):
         raise TypeError(f"settings must be Settings or None, not {type(settings).__name__}")
     if format not in FORMATS:
@@ -179,7 +181,8 @@ def run(
     elif scheduler is not None:
         reached = cluster.connected(scheduler)
     else:
-        reached = cluster.local(_workers(workers, threads, cluster.cores()))
+        room = None if most is None else cluster.room_for(most)
+        reached = cluster.local(_workers(workers, threads, cluster.cores(), room))
     place.prepare()
     with place.lock():
         job.prepare(place, identity, resume=resume, overwrite=overwrite)
@@ -196,10 +199,10 @@ def run(
     )
 
 
-def _workers(asked: int | None, threads: int, cores: int) -> int:
-    """So many that their threads do not exceed the cores."""
+def _workers(asked: int | None, threads: int, cores: int, room: int | None = None) -> int:
+    """So many that their threads do not exceed the cores, and by themselves not what there is room for."""
     if asked is None:
-        return max(1, cores // threads)
+        return max(1, min(cores // threads, cores if room is None else room))
     if not is_whole(asked) or asked < 1 or asked * threads > max(cores, threads):
         several = f" with {threads} threads each" if threads > 1 else ""
         most = max(1, cores // threads)

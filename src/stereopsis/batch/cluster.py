@@ -57,6 +57,13 @@ def cores() -> int:
     return max(1, int(cpu_count()))
 
 
+def room_for(memory: int) -> int:
+    """Workers for which this machine has memory; Dask ends one that comes near the end of its share."""
+    from distributed.system import MEMORY_LIMIT
+
+    return int(MEMORY_LIMIT // (1.25 * memory))
+
+
 @contextmanager
 def _quiet() -> Iterator[None]:
     """No log of Dask's on the terminal: whatever ends a run is said in one sentence."""

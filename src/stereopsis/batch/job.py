@@ -222,6 +222,7 @@ def carry_out(
 
     report("")
     if first is None:
+        store.clear(TILES)
         table.write(store, scored=job.evaluate)
         return table
 

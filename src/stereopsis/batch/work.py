@@ -193,12 +193,13 @@ def _pair(job: Job, item: Item) -> bytes | Failure | Cut:
 def _tile(job: Job, item: Tile) -> bytes | Failure | Matched:
     watch = _Watch()
     if item.number is not None:
-        with _writing(job, tiled.name_of(item.path, item.number)):
+        name = tiled.name_of(item.path, item.number)
+        with _writing(job, name):
             there = tiled.is_there(job.store, item)
         if not there:
             values = tiled.match(item)
-            with _writing(job, tiled.name_of(item.path, item.number)):
-                job.store.write(tiled.name_of(item.path, item.number), values)
+            with _writing(job, name):
+                job.store.write(name, values)
         watch.lap("match")
         return Matched(watch.seconds["match"])
     found = _before(job, item)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereopsis.datasets.folder import Folder
-from stereopsis.datasets.readers import Consistent, FromDepth
+from stereopsis.datasets.readers import FromDepth, consistent
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
 from stereopsis.io.calibration import check_calibration
@@ -50,7 +50,7 @@ def _scene(name: str, scene: Folder) -> Iterator[Sample]:
             scene.path / f"{number}.right.jpg",
             truth,
             settings,
-            read_mask=Consistent(truth, other, read) if truth and other else None,
+            read_mask=consistent(truth, other, read),
             read_truth=read,
             read_calibration=read_calibration,
         )

@@ -9,7 +9,7 @@ two truths agree.
 from __future__ import annotations
 
 from stereopsis.datasets.folder import Folder
-from stereopsis.datasets.readers import Consistent, Scaled
+from stereopsis.datasets.readers import Scaled, consistent
 from stereopsis.datasets.sample import Sample
 
 NAME = "InStereo2K"
@@ -32,6 +32,6 @@ def _sample(name: str, scene: Folder) -> Sample:
         scene.path / "left.png",
         scene.path / "right.png",
         truth,
-        read_mask=Consistent(truth, other, _TRUTH) if other else None,
+        read_mask=consistent(truth, other, _TRUTH),
         read_truth=_TRUTH,
     )

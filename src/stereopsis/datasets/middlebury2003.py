@@ -17,7 +17,7 @@ import numpy as np
 
 from stereopsis import io
 from stereopsis.datasets.folder import Folder
-from stereopsis.datasets.readers import Consistent, integers
+from stereopsis.datasets.readers import consistent, integers
 from stereopsis.datasets.sample import Sample
 from stereopsis.types import DisparityMap
 
@@ -54,7 +54,7 @@ def _scene(scene: Folder) -> Iterator[Sample]:
                 view.with_name(f"{left_name}{view.suffix}"),
                 view.with_name(f"{right_name}{view.suffix}"),
                 truth,
-                read_mask=Consistent(truth, other, read_truth) if other else None,
+                read_mask=consistent(truth, other, read_truth),
                 read_truth=read_truth,
             )
             return

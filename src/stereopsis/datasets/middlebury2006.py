@@ -18,7 +18,7 @@ import numpy as np
 
 from stereopsis import io
 from stereopsis.datasets.folder import Folder, only_one
-from stereopsis.datasets.readers import Consistent, integers
+from stereopsis.datasets.readers import consistent, integers
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
 from stereopsis.types import Calibration, DisparityMap
@@ -53,7 +53,7 @@ def _scene(scene: Folder) -> Iterator[Sample]:
             images.path / "view5.png",
             truth,
             scene.file("dmin.txt"),
-            read_mask=Consistent(truth, other, read_truth) if truth and other else None,
+            read_mask=consistent(truth, other, read_truth),
             read_truth=read_truth,
             read_calibration=read_calibration,
         )

@@ -9,7 +9,7 @@ truth is PFM, infinite where unknown. Both cameras see the pixels in which the t
 from __future__ import annotations
 
 from stereopsis.datasets.folder import Folder, scenes
-from stereopsis.datasets.readers import Consistent
+from stereopsis.datasets.readers import consistent
 from stereopsis.datasets.sample import Sample
 
 NAME = "Middlebury 2014/2021"
@@ -30,5 +30,5 @@ def _sample(name: str, scene: Folder) -> Sample:
         scene.path / "im1.png",
         truth,
         scene.file("calib.txt"),
-        read_mask=Consistent(truth, other) if other else None,
+        read_mask=consistent(truth, other),
     )

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stereopsis.datasets.folder import Folder, in_either
-from stereopsis.datasets.readers import Consistent
+from stereopsis.datasets.readers import consistent
 from stereopsis.datasets.sample import Sample
 from stereopsis.types import Calibration
 
@@ -59,7 +59,7 @@ def _pass(frames: Folder, truths: Folder, prefix: str) -> Iterator[Sample]:
                 left,
                 rights.path / file,
                 truth,
-                read_mask=Consistent(truth, other) if truth and other else None,
+                read_mask=consistent(truth, other),
                 geometry=Calibration(
                     focal=450.0 if "15mm_focallength" in lefts.path.parts else 1050.0,
                     cx=479.5,

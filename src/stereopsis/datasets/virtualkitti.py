@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stereopsis.datasets.folder import Folder, in_either
-from stereopsis.datasets.readers import Consistent, FromDepth
+from stereopsis.datasets.readers import FromDepth, consistent
 from stereopsis.datasets.sample import Sample
 from stereopsis.types import Calibration
 
@@ -57,7 +57,7 @@ def _frames(roots: list[Folder], scene: str, variation: Folder) -> Iterator[Samp
             left,
             images.path / "Camera_1" / file,
             truth,
-            read_mask=Consistent(truth, other, _TRUTH) if truth and other else None,
+            read_mask=consistent(truth, other, _TRUTH),
             read_truth=_TRUTH,
             geometry=GEOMETRY,
         )

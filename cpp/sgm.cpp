@@ -19,27 +19,28 @@ namespace stereopsis {
 
 namespace {
 
-// Aligned, and of large pages where that helps: the kernel hands those out many times as fast.
+// Aligned, and of large pages where that helps: the kernel hands those out many times as fast. Not by an aligned `new`: what
+// that leaves over makes the next such block too large for the place that this one leaves, and the kernel is asked anew.
 template <class T>
 class Block {
  public:
   explicit Block(size_t count) {
     constexpr size_t page = size_t{1} << 21;
-    const size_t bytes = count * sizeof(T), alignment = bytes >= 4 * page ? page : 64;
-    alignment_ = std::align_val_t{alignment};
-    memory_ = static_cast<T*>(::operator new(bytes + 64, alignment_));
+    const size_t bytes = count * sizeof(T), alignment = bytes >= 2 * page ? page : 64;
+    taken_ = ::operator new(bytes + 64 + alignment);
+    memory_ = reinterpret_cast<T*>((reinterpret_cast<uintptr_t>(taken_) + alignment - 1) / alignment * alignment);
 #if defined(__linux__)
     if (alignment == page) madvise(memory_, bytes / page * page, MADV_HUGEPAGE);
 #endif
   }
-  ~Block() { ::operator delete(memory_, alignment_); }
+  ~Block() { ::operator delete(taken_); }
   Block(const Block&) = delete;
   Block& operator=(const Block&) = delete;
   T* get() const { return memory_; }
   void fill(size_t count, T value) { std::fill_n(memory_, count, value); }
 
  private:
-  std::align_val_t alignment_;
+  void* taken_;
   T* memory_;
 };
 
@@ -430,7 +431,7 @@ template <class Lane>
 class Meeting {
  public:
   Meeting(const SgmJob& job, const Ends& ends)
-      : job_(job), ends_(ends), down_(job, true), up_(job, false), noted_down_(notes(false)), noted_up_(notes(true)) {
+      : job_(job), ends_(ends), down_(job, true), up_(job, false), noted_(notes(false) + notes(true)) {
     down_.note_in(notes_of(0), true);
     up_.note_in(notes_of(1), true);
   }
@@ -450,7 +451,7 @@ class Meeting {
   size_t notes(bool up) const { return stretches(up) * down_.saved(); }
   int stretches(int which) const { return (half(which) + kStretch - 1) / kStretch; }
   Notes notes_of(int which) { return {noted(which), down_.saved(), stretches(which)}; }
-  char* noted(int which) { return (which == 0 ? noted_down_ : noted_up_).get(); }
+  char* noted(int which) { return noted_.get() + (which == 0 ? 0 : notes(false)); }
   size_t row_size() const { return job_.pair.width * job_.room; }
 
   void note(int which, const Cancel& cancel) {
@@ -496,7 +497,7 @@ class Meeting {
   const SgmJob& job_;
   const Ends& ends_;
   Sweep<Lane> down_, up_;
-  Block<char> noted_down_, noted_up_;
+  Block<char> noted_;  // of both: in one piece the system gives it once for many calls
 };
 
 template <class Lane>

@@ -235,7 +235,7 @@ class GroupState {
   }
 
   // Row y, the `turn`th of the sweep.
-  void row(int turn, int y, const Lane* costs, const uint16_t* before, uint16_t* sums) {
+  void row(int turn, int y, const Lane* costs, const uint16_t* before, uint16_t* sums, const char* soon) {
     const int W = job_.pair.width, above = static_cast<int>(group_.above.size());
     const size_t room = job_.room;
     PathRow<Lane> row{};
@@ -264,6 +264,7 @@ class GroupState {
     row.line = line_.get();
     row.sums_before = before;
     row.sums = sums;
+    row.soon = soon;
     if constexpr (sizeof(Lane) == 1)
       job_.kernels->paths8(row);
     else
@@ -343,11 +344,13 @@ class Sweep {
   Sweep(const SgmJob& job, bool down) {
     for (const Group& group : groups_of(job.settings.paths, down)) groups_.push_back(std::make_unique<GroupState<Lane>>(job, group, down));
   }
-  // Adds to the sums `before`, or to nothing; the costs alone go on where there are no `sums`.
-  void row(int y, const Lane* costs, const uint16_t* before, uint16_t* sums) {
+  // Adds to the sums `before`, or to nothing; the costs alone go on where there are no `sums`. From `soon` on, 64 bytes a
+  // pixel are fetched meanwhile.
+  void row(int y, const Lane* costs, const uint16_t* before, uint16_t* sums, const char* soon = nullptr) {
     for (auto& group : groups_) {
-      group->row(turn_, y, costs, before, sums);
+      group->row(turn_, y, costs, before, sums, soon);
       before = sums;
+      soon = nullptr;
     }
     ++turn_;
   }
@@ -452,6 +455,11 @@ class Meeting {
   int stretches(int which) const { return (half(which) + kStretch - 1) / kStretch; }
   Notes notes_of(int which) { return {noted(which), down_.saved(), stretches(which)}; }
   char* noted(int which) { return noted_.get() + (which == 0 ? 0 : notes(false)); }
+  // The k-th part of what is noted before stretch n, of which a row of pixels fetches one; or null where there is no more.
+  const char* part_of(int which, int n, int k) {
+    const size_t begin = k * static_cast<size_t>(job_.pair.width) * 64;
+    return n < stretches(which) && begin < down_.saved() ? noted(which) + n * down_.saved() + begin : nullptr;
+  }
   size_t row_size() const { return job_.pair.width * job_.room; }
 
   void note(int which, const Cancel& cancel) {
@@ -461,7 +469,7 @@ class Meeting {
     for (int turn = 0; turn < half(which) && !cancel.load(std::memory_order_relaxed); ++turn) {
       if (turn % kStretch == 0) sweep.save(noted(which) + turn / kStretch * sweep.saved());
       rows.make(row_of(which, turn), costs.get());
-      sweep.row(row_of(which, turn), costs.get(), nullptr, nullptr);
+      sweep.row(row_of(which, turn), costs.get(), nullptr, nullptr, part_of(which, turn / kStretch + 1, turn % kStretch));
     }
   }
 

@@ -8,6 +8,17 @@ namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
+// Into a cache, as far memory is slow to begin to answer.
+static STEREOPSIS_INLINE void fetch(const char* p) {
+#if defined(__GNUC__)
+  __builtin_prefetch(p, 0, 2);
+#elif STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
+  _mm_prefetch(p, _MM_HINT_T1);
+#else
+  static_cast<void>(p);
+#endif
+}
+
 static STEREOPSIS_INLINE ptrdiff_t clamp(ptrdiff_t v, ptrdiff_t lo, ptrdiff_t hi) { return v < lo ? lo : v > hi ? hi : v; }
 
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
@@ -213,6 +224,7 @@ static void paths_of(const PathRow<Lane>& given) {
   for (int n = 0; n < row.width; ++n, x += row.step) {
     const ptrdiff_t at = x * room;
     const Lane* const costs = row.costs + at;
+    if (row.soon) fetch(row.soon + ptrdiff_t{64} * n);
     Vec least[N], limit[N], lowest[4];
     unrolled<4 - N>([&](auto k) STEREOPSIS_INLINE_LAMBDA { lowest[N + k] = all_ones; });
     const Lane* from[N];
@@ -590,6 +602,7 @@ static void paths(const PathRow<Lane>& row) {
   for (int i = 0; i < room; ++i) line[i] = row.no_candidate[i];
   int least = 0, x = row.step > 0 ? 0 : row.width - 1;
   for (int n = 0; n < row.width; ++n, x += row.step) {
+    if (row.soon) fetch(row.soon + ptrdiff_t{64} * n);
     const ptrdiff_t at = static_cast<ptrdiff_t>(x) * room;
     uint16_t* STEREOPSIS_RESTRICT sums = row.sums ? row.sums + at : nullptr;
     if (sums && !row.sums_before)

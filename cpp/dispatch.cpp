@@ -62,7 +62,7 @@ Features features() {
   const bool ymm = (kept & 0x6) == 0x6, zmm = (kept & 0xE6) == 0xE6;
   const bool avx512 = (r[1] >> 16 & 1) && (r[1] >> 17 & 1) && (r[1] >> 30 & 1) && (r[1] >> 31 & 1);
   return {ymm && fma && (r[1] >> 5 & 1), zmm && avx512, zmm && avx512 && (r[2] >> 11 & 1), zmm && avx512 && (r[2] >> 14 & 1),
-          zmm && avx512 && (r[2] >> 12 & 1)};
+          zmm && avx512 && (r[2] >> 12 & 1) && (r[2] >> 14 & 1) && (r[2] >> 1 & 1) && (r[2] >> 6 & 1)};
 }
 #else
 Features features() {
@@ -70,7 +70,9 @@ Features features() {
   const bool avx512 = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
                       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
   return {__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"), avx512, avx512 && __builtin_cpu_supports("avx512vnni"),
-          avx512 && __builtin_cpu_supports("avx512vpopcntdq"), avx512 && __builtin_cpu_supports("avx512bitalg")};
+          avx512 && __builtin_cpu_supports("avx512vpopcntdq"),
+          avx512 && __builtin_cpu_supports("avx512bitalg") && __builtin_cpu_supports("avx512vpopcntdq") &&
+              __builtin_cpu_supports("avx512vbmi") && __builtin_cpu_supports("avx512vbmi2")};
 }
 #endif
 

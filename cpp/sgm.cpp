@@ -19,27 +19,28 @@ namespace stereopsis {
 
 namespace {
 
-// Aligned, and of large pages where that helps: the kernel hands those out many times as fast.
+// Aligned, and of large pages where that helps: the kernel hands those out many times as fast. Not by an aligned `new`: what
+// that leaves over makes the next such block too large for the place that this one leaves, and the kernel is asked anew.
 template <class T>
 class Block {
  public:
   explicit Block(size_t count) {
     constexpr size_t page = size_t{1} << 21;
-    const size_t bytes = count * sizeof(T), alignment = bytes >= 4 * page ? page : 64;
-    alignment_ = std::align_val_t{alignment};
-    memory_ = static_cast<T*>(::operator new(bytes + 64, alignment_));
+    const size_t bytes = count * sizeof(T), alignment = bytes >= 2 * page ? page : 64;
+    taken_ = ::operator new(bytes + 64 + alignment);
+    memory_ = reinterpret_cast<T*>((reinterpret_cast<uintptr_t>(taken_) + alignment - 1) / alignment * alignment);
 #if defined(__linux__)
     if (alignment == page) madvise(memory_, bytes / page * page, MADV_HUGEPAGE);
 #endif
   }
-  ~Block() { ::operator delete(memory_, alignment_); }
+  ~Block() { ::operator delete(taken_); }
   Block(const Block&) = delete;
   Block& operator=(const Block&) = delete;
   T* get() const { return memory_; }
   void fill(size_t count, T value) { std::fill_n(memory_, count, value); }
 
  private:
-  std::align_val_t alignment_;
+  void* taken_;
   T* memory_;
 };
 
@@ -234,7 +235,7 @@ class GroupState {
   }
 
   // Row y, the `turn`th of the sweep.
-  void row(int turn, int y, const Lane* costs, const uint16_t* before, uint16_t* sums) {
+  void row(int turn, int y, const Lane* costs, const uint16_t* before, uint16_t* sums, const char* soon) {
     const int W = job_.pair.width, above = static_cast<int>(group_.above.size());
     const size_t room = job_.room;
     PathRow<Lane> row{};
@@ -263,6 +264,7 @@ class GroupState {
     row.line = line_.get();
     row.sums_before = before;
     row.sums = sums;
+    row.soon = soon;
     if constexpr (sizeof(Lane) == 1)
       job_.kernels->paths8(row);
     else
@@ -342,11 +344,13 @@ class Sweep {
   Sweep(const SgmJob& job, bool down) {
     for (const Group& group : groups_of(job.settings.paths, down)) groups_.push_back(std::make_unique<GroupState<Lane>>(job, group, down));
   }
-  // Adds to the sums `before`, or to nothing; the costs alone go on where there are no `sums`.
-  void row(int y, const Lane* costs, const uint16_t* before, uint16_t* sums) {
+  // Adds to the sums `before`, or to nothing; the costs alone go on where there are no `sums`. From `soon` on, 64 bytes a
+  // pixel are fetched meanwhile.
+  void row(int y, const Lane* costs, const uint16_t* before, uint16_t* sums, const char* soon = nullptr) {
     for (auto& group : groups_) {
-      group->row(turn_, y, costs, before, sums);
+      group->row(turn_, y, costs, before, sums, soon);
       before = sums;
+      soon = nullptr;
     }
     ++turn_;
   }
@@ -430,7 +434,7 @@ template <class Lane>
 class Meeting {
  public:
   Meeting(const SgmJob& job, const Ends& ends)
-      : job_(job), ends_(ends), down_(job, true), up_(job, false), noted_down_(notes(false)), noted_up_(notes(true)) {
+      : job_(job), ends_(ends), down_(job, true), up_(job, false), noted_(notes(false) + notes(true)) {
     down_.note_in(notes_of(0), true);
     up_.note_in(notes_of(1), true);
   }
@@ -450,7 +454,12 @@ class Meeting {
   size_t notes(bool up) const { return stretches(up) * down_.saved(); }
   int stretches(int which) const { return (half(which) + kStretch - 1) / kStretch; }
   Notes notes_of(int which) { return {noted(which), down_.saved(), stretches(which)}; }
-  char* noted(int which) { return (which == 0 ? noted_down_ : noted_up_).get(); }
+  char* noted(int which) { return noted_.get() + (which == 0 ? 0 : notes(false)); }
+  // The k-th part of what is noted before stretch n, of which a row of pixels fetches one; or null where there is no more.
+  const char* part_of(int which, int n, int k) {
+    const size_t begin = k * static_cast<size_t>(job_.pair.width) * 64;
+    return n < stretches(which) && begin < down_.saved() ? noted(which) + n * down_.saved() + begin : nullptr;
+  }
   size_t row_size() const { return job_.pair.width * job_.room; }
 
   void note(int which, const Cancel& cancel) {
@@ -460,7 +469,7 @@ class Meeting {
     for (int turn = 0; turn < half(which) && !cancel.load(std::memory_order_relaxed); ++turn) {
       if (turn % kStretch == 0) sweep.save(noted(which) + turn / kStretch * sweep.saved());
       rows.make(row_of(which, turn), costs.get());
-      sweep.row(row_of(which, turn), costs.get(), nullptr, nullptr);
+      sweep.row(row_of(which, turn), costs.get(), nullptr, nullptr, part_of(which, turn / kStretch + 1, turn % kStretch));
     }
   }
 
@@ -496,7 +505,7 @@ class Meeting {
   const SgmJob& job_;
   const Ends& ends_;
   Sweep<Lane> down_, up_;
-  Block<char> noted_down_, noted_up_;
+  Block<char> noted_;  // of both: in one piece the system gives it once for many calls
 };
 
 template <class Lane>

@@ -76,6 +76,7 @@ struct PathRow {
   Lane* line;                           // scratch, 2 * room
   const uint16_t* sums_before;          // (width, room), or null for none
   uint16_t* sums;                       // (width, room), or null; beyond the candidates anything
+  const char* soon;                     // 64 bytes a pixel that are asked for soon, or null
 };
 
 // The winners of a row of sums, (width, room), in which whatever is out of view is 65535.

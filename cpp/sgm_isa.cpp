@@ -8,6 +8,17 @@ namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
+// Into a cache, as far memory is slow to begin to answer.
+static STEREOPSIS_INLINE void fetch(const char* p) {
+#if defined(__GNUC__)
+  __builtin_prefetch(p, 0, 2);
+#elif STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
+  _mm_prefetch(p, _MM_HINT_T1);
+#else
+  static_cast<void>(p);
+#endif
+}
+
 static STEREOPSIS_INLINE ptrdiff_t clamp(ptrdiff_t v, ptrdiff_t lo, ptrdiff_t hi) { return v < lo ? lo : v > hi ? hi : v; }
 
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
@@ -213,6 +224,7 @@ static void paths_of(const PathRow<Lane>& given) {
   for (int n = 0; n < row.width; ++n, x += row.step) {
     const ptrdiff_t at = x * room;
     const Lane* const costs = row.costs + at;
+    if (row.soon) fetch(row.soon + ptrdiff_t{64} * n);
     Vec least[N], limit[N], lowest[4];
     unrolled<4 - N>([&](auto k) STEREOPSIS_INLINE_LAMBDA { lowest[N + k] = all_ones; });
     const Lane* from[N];
@@ -411,6 +423,34 @@ static void hamming_plane(const HammingRow& row, const uint8_t* planes, ptrdiff_
     each(given_stride);
 }
 
+#if defined(STEREOPSIS_BITALG)
+// The same for words of which most bits count: the strings' counts, of eight at a time, are shifted together.
+template <bool Added>
+static void hamming_strings(const HammingRow& row, const uint64_t* strings, const uint64_t* left) {
+  const int last = row.width - 1, margin = row.margin;
+  const ptrdiff_t room = static_cast<ptrdiff_t>(row.room), most = row.width + room, origin = ptrdiff_t{last} + row.first + room;
+  const int16_t* const shift = row.shift;
+  alignas(64) uint8_t order[64];
+  for (int k = 0; k < 64; ++k) order[k] = static_cast<uint8_t>(k % 8 * 8 + k / 8);
+  const Vec by_string = load(order);
+  uint8_t* costs = row.costs;
+  for (int column = -margin; column <= last + margin; ++column, costs += room) {
+    const int x = static_cast<int>(clamp(column, 0, last));
+    const uint64_t* const right = strings + clamp(origin - column + (shift ? shift[x] : 0), 0, most);
+    const Vec here = _mm512_set1_epi64(static_cast<long long>(left[x]));
+    for (ptrdiff_t i = 0; i < room; i += 64) {
+      const auto differing = [&](int k) STEREOPSIS_INLINE_LAMBDA {
+        return _mm512_popcnt_epi64(_mm512_xor_si512(here, load(right + i + 8 * k)));
+      };
+      Vec sum = _mm512_slli_epi64(differing(0), 56);
+      unrolled<8, 1>([&](auto k) STEREOPSIS_INLINE_LAMBDA { sum = _mm512_shrdi_epi64(sum, differing(k), 8); });
+      sum = _mm512_permutexvar_epi8(by_string, sum);
+      store(costs + i, Added ? _mm512_add_epi8(sum, load(costs + i)) : sum);
+    }
+  }
+}
+#endif
+
 static void hamming(const HammingRow& row) {
   // Of the last word 8, 4 or 2 bytes: enough for 9 x 7, for 5 x 5 or 7 x 5 sparse, for 3 x 3 or a center-symmetric window.
   const int rest = (row.bits - 1) % 64 + 1, bytes = rest > 32 ? 8 : rest > 16 ? 4 : 2, last = row.width - 1;
@@ -423,9 +463,16 @@ static void hamming(const HammingRow& row) {
     const uint64_t* STEREOPSIS_RESTRICT from = row.right + begin / 64 * row.plane;
     const uint64_t* STEREOPSIS_RESTRICT mine = row.left + begin / 64 * row.plane;
     const int parts = (begin + 64 < row.bits ? 64 : 8 * bytes) / kPart;
-    for (size_t t = 0; t < row.room; ++t) strings[t] = from[last];
-    for (int x = 0; x <= last; ++x) strings[row.room + x] = from[last - x];
-    for (size_t t = row.room + row.width; t < reach; ++t) strings[t] = from[0];
+    const size_t room = row.room, end = room + row.width;
+    for (size_t t = 0; t < room; ++t) strings[t] = from[last];
+    for (size_t t = room; t < end; ++t) strings[t] = from[end - 1 - t];
+    for (size_t t = end; t < reach; ++t) strings[t] = from[0];
+#if defined(STEREOPSIS_BITALG)
+    if (parts == 64 / kPart) {
+      (begin ? hamming_strings<true> : hamming_strings<false>)(row, strings, mine);
+      continue;
+    }
+#endif
     split_planes(strings, reach, parts, planes, stride);
     for (int x = 0; x <= last; ++x) split(mine[x], parts, left + static_cast<size_t>(x) * (64 / kPart));
     const auto kernel = [&](auto count) STEREOPSIS_INLINE_LAMBDA {
@@ -555,6 +602,7 @@ static void paths(const PathRow<Lane>& row) {
   for (int i = 0; i < room; ++i) line[i] = row.no_candidate[i];
   int least = 0, x = row.step > 0 ? 0 : row.width - 1;
   for (int n = 0; n < row.width; ++n, x += row.step) {
+    if (row.soon) fetch(row.soon + ptrdiff_t{64} * n);
     const ptrdiff_t at = static_cast<ptrdiff_t>(x) * room;
     uint16_t* STEREOPSIS_RESTRICT sums = row.sums ? row.sums + at : nullptr;
     if (sums && !row.sums_before)

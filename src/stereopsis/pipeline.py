@@ -1189,9 +1189,10 @@ def _refuse(
     confidence: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
 ) -> None:
-    np.copyto(disparity, np.float32(np.nan), where=where)
-    np.copyto(confidence, 0, where=where)
-    flags |= where.view(np.uint8) * np.uint8(flag)
+    np.putmask(disparity, where, np.float32(np.nan))  # several times as fast as copyto
+    np.putmask(confidence, where, np.float32(0))
+    if flag:
+        flags |= where.view(np.uint8) * np.uint8(flag)
 
 
 @contextmanager

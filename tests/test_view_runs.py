@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stereopsis as st
+from stereopsis.batch import names
 from stereopsis.study.plan import Corrected, Study, make
 from stereopsis.study.tables import IDENTITY
 from stereopsis.view import choice, open_target
@@ -75,6 +76,16 @@ def test_a_batch_without_its_pairs_is_its_maps(tmp_path: Path, data: str) -> Non
         opened = server.open("one")
         assert (opened["has_left"], opened["has_right"], opened["has_truth"]) == (False, False, False)
         assert opened["result"]["density"] == 1
+
+
+def test_maps_are_found_by_the_names_that_theirs_stand_for(tmp_path: Path) -> None:
+    called = ["town:1", "100 %", "con", "a//b", "dir/one", "plain"]
+    for name in called:
+        file = tmp_path / "disparity" / f"{names.escaped(name)}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        st.write_disparity(file, np.full((4, 5), 2, np.float32))
+    (tmp_path / "results.csv").write_text("name\n" + "\n".join(called), encoding="utf-8")
+    assert [entry.name for entry in open_target([tmp_path]).entries] == called
 
 
 def test_a_study_is_its_lines_each_with_its_settings(tmp_path: Path) -> None:

@@ -232,9 +232,11 @@ def cost_curve(result: Result, x: int, y: int, ax: Axes | None = None, *, truth:
             label=f"winner {candidates[best]}",
             zorder=4,
         )
-        fit = _fit(kind, candidates, costs, best)
+        fit = refine.fitted(kind, costs, best)
         if fit is not None:
-            axes.plot(*fit, color=COLOURS[1], linewidth=1.2, label=str(kind), zorder=3)
+            _, places, values = fit
+            fine = candidates[best] + result.settings.disparity_step * places
+            axes.plot(fine, values, color=COLOURS[1], linewidth=1.2, label=str(kind), zorder=3)
     answer = float(result.disparity[y, x])
     if np.isfinite(answer):
         axes.axvline(answer, color=COLOURS[2], linestyle="--", linewidth=1.2, label=f"answer {answer:.2f}")
@@ -501,23 +503,3 @@ def _costs(result: Result, x: int, y: int) -> tuple[npt.NDArray[np.int64], npt.N
     costs = volume[row, column]
     possible = costs < worst_cost(volume.dtype)
     return candidates, np.where(possible, costs.astype(np.float64), np.inf)
-
-
-def _fit(
-    kind: str | None, candidates: npt.NDArray[np.int64], costs: npt.NDArray[np.float64], best: int
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]] | None:
-    """The parabola or the two straight flanks through the winner and its neighbours, where there are two."""
-    if kind not in ("parabola", "equiangular") or not 0 < best < len(costs) - 1:
-        return None
-    before, winner, after = costs[best - 1 : best + 2]
-    if not np.isfinite([before, after]).all():
-        return None
-    t = np.linspace(-1, 1, 81)
-    if kind == "parabola":
-        value = winner + (after - before) / 2 * t + (before + after - 2 * winner) / 2 * t * t
-    else:
-        offset = refine.subpixel(kind, *(np.array([cost]) for cost in (winner, before, after)))[0]
-        slope = max(before, after) - winner
-        value = winner + slope * (np.abs(t - offset) - abs(offset))
-    spacing = candidates[1] - candidates[0]
-    return candidates[best] + spacing * t, value

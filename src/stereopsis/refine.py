@@ -75,6 +75,46 @@ def subpixel(
     return np.where(both, offset, np.float32(0))
 
 
+def fitted(
+    kind: str | None, costs: npt.NDArray[Any], winner: int
+) -> tuple[float, npt.NDArray[np.float64], npt.NDArray[np.float64]] | None:
+    """The curve that `subpixel` lays through one pixel's least cost and its neighbours', to be drawn.
+
+    Parameters
+    ----------
+    kind : str or None
+    costs : ndarray, (D,)
+    winner : int
+        The index of the least.
+
+    Returns
+    -------
+    offset : float
+        Of the curve's lowest point from the winner, in candidates.
+    places, values : ndarray of float64
+        Points of the curve, from the candidate before to the one after: offsets, and costs.
+
+    None where another kind of fit is asked for, or the winner has but one neighbour.
+    """
+    around = costs[max(winner - 1, 0) : winner + 2]
+    if kind not in ("parabola", "equiangular") or len(around) < 3 or winner < 1:
+        return None
+    if not np.all(around < worst_cost(costs.dtype)):
+        return None
+    offset = float(subpixel(kind, around[1:2], around[:1], around[2:])[0])
+    before, least, after = around.astype(np.float64)
+    if kind == "parabola":
+        places = np.linspace(-1, 1, 81)
+        return (
+            offset,
+            places,
+            least + (after - before) / 2 * places + ((before + after) / 2 - least) * places**2,
+        )
+    places = np.array([-1, offset, 1])
+    slope = max(before, after) - least
+    return offset, places, least + slope * (np.abs(places - offset) - abs(offset))
+
+
 def correlation(
     left: npt.NDArray[Any],
     right: npt.NDArray[Any],

@@ -10,11 +10,8 @@ import numpy.typing as npt
 from stereopsis import cost, pipeline, pixelwise, rectify, refine
 from stereopsis.settings import Settings
 from stereopsis.supports import Gaussian
-from stereopsis.types import Disparities, Vertical
+from stereopsis.types import Disparities, Vertical, worst_cost
 from stereopsis.view.sources import Scene
-
-POINTS = 33
-"""Of the drawn fit."""
 
 
 def curve(scene: Scene, chosen: Settings, x: int, y: int) -> dict[str, Any]:
@@ -87,8 +84,7 @@ def _reach(chosen: Settings) -> tuple[int, int]:
 
 
 def _described(line: npt.NDArray[Any], candidates: npt.NDArray[np.int64], chosen: Settings) -> dict[str, Any]:
-    whole = np.iinfo(line.dtype).max if line.dtype.kind in "iu" else np.inf
-    seen = line < whole
+    seen = line < worst_cost(line.dtype)
     told = {
         "disparities": candidates.tolist(),
         "costs": [value if there else None for value, there in zip(line.tolist(), seen, strict=True)],
@@ -98,32 +94,13 @@ def _described(line: npt.NDArray[Any], candidates: npt.NDArray[np.int64], chosen
     }
     if not seen.any():
         return told
-    best = int(np.argmin(np.where(seen, line, whole)))
+    best = int(np.argmin(line))
     told["winner"] = int(candidates[best])
     told["subpixel"] = float(candidates[best])
-    inside = 0 < best < len(line) - 1 and seen[best - 1] and seen[best + 1]
-    if chosen.subpixel in ("parabola", "equiangular") and inside:
-        costs = line[best - 1 : best + 2]
-        before, winner, after = (costs[k : k + 1] for k in range(3))
-        offset = float(refine.subpixel(chosen.subpixel, winner, before, after)[0])
-        step = chosen.disparity_step
-        told["subpixel"] = float(candidates[best]) + offset * step
-        drawn = _drawn(chosen.subpixel, costs.tolist(), offset)
-        told["fit"] = {
-            "kind": chosen.subpixel,
-            "points": [[float(candidates[best]) + at * step, value] for at, value in drawn],
-        }
+    fit = refine.fitted(chosen.subpixel, line, best)
+    if fit is not None:
+        offset, places, values = fit
+        fine = candidates[best] + chosen.disparity_step * places
+        told["subpixel"] = float(candidates[best]) + offset * chosen.disparity_step
+        told["fit"] = {"kind": chosen.subpixel, "points": np.column_stack([fine, values]).tolist()}
     return told
-
-
-def _drawn(kind: str, costs: list[float], offset: float) -> list[tuple[float, float]]:
-    """The fit from the candidate before to the one after."""
-    before, winner, after = costs
-    if kind == "parabola":
-        places = np.linspace(-1, 1, POINTS)
-        bend, slope = (before + after) / 2 - winner, (after - before) / 2
-        return [(float(t), float(winner + slope * t + bend * t * t)) for t in places]
-    slope = max(before, after) - winner
-    places = np.array([-1.0, offset, 1.0])
-    lowest = winner - slope * abs(offset)
-    return [(float(t), float(lowest + slope * abs(t - offset))) for t in places]

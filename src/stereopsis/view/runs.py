@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 from stereopsis import datasets
+from stereopsis.batch.names import unescaped
 from stereopsis.datasets import Sample
 from stereopsis.settings import Settings
 from stereopsis.view import choice
@@ -94,7 +94,7 @@ def _maps(folder: Path) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for file in sorted(folder.rglob("*")):
         if file.suffix in SUFFIXES and os.path.realpath(file).startswith(inside + os.sep) and file.is_file():
-            found.setdefault(unquote(file.relative_to(folder).with_suffix("").as_posix()), file)
+            found.setdefault(unescaped(file.relative_to(folder).with_suffix("").as_posix()), file)
     return found
 
 

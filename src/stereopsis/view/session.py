@@ -153,7 +153,11 @@ class Session:
             job = Job("load", (entry.source, self.limits.pixels), seconds=self.limits.open_seconds)
             self._opening[key] = job
             job.future.add_done_callback(lambda _: self._opening.pop(key, None))
-            self._readers.submit(job)
+            try:
+                self._readers.submit(job)
+            except BusyError as error:
+                job.future.set_exception(error)  # or whoever asks next would wait for it
+                raise
         return job
 
     def scene(self, key: str) -> Opened:

@@ -9,7 +9,7 @@ const MOST_POINTS = 4e6;
 
 /** While the view moves, a frame should take so many milliseconds; else only a part of the points is drawn. */
 const FLUENT = 33;
-const LEAST_PART = 1 / 32;
+const LEAST_POINTS = 30000;
 const REST = 250;
 
 /** Every so many-th pixel of both directions comes first, then those between: any first part is spread evenly. */
@@ -67,6 +67,7 @@ export class Space {
     for (const thing of [this.points, this.surface]) thing.frustumCulled = false;
     this.scene.add(this.points, this.surface);
     this.surface.visible = false;
+    this.count = 0;
     canvas.addEventListener("keydown", (event) => this.#down(event));
     canvas.addEventListener("keyup", (event) => this.#held.delete(event.key.toLowerCase()));
     canvas.addEventListener("blur", () => this.#held.clear());
@@ -240,7 +241,7 @@ export class Space {
     const now = performance.now();
     if (this.#drawn) this.#pace += 0.4 * (Math.min(now - this.#drawn, 1000) - this.#pace);
     this.#drawn = now;
-    if (this.#pace > 1.1 * FLUENT) this.#part = Math.max(this.#part / 2, LEAST_PART);
+    if (this.#pace > 1.1 * FLUENT) this.#part = Math.min(Math.max(this.#part / 2, LEAST_POINTS / this.count), 1);
     else if (this.#pace < 0.6 * FLUENT) this.#part = Math.min(this.#part * 1.1, 1);
     this.#show(this.#part);
     const gl = this.renderer.getContext();
@@ -253,7 +254,7 @@ export class Space {
   #show(part) {
     this.surface.visible = Boolean(this.woven) && part > 0.5;
     this.points.visible = !this.surface.visible;
-    this.points.geometry.setDrawRange(0, Math.ceil(part * (this.count ?? 0)));
+    this.points.geometry.setDrawRange(0, Math.ceil(part * this.count));
     this.uniforms.scale.value = (this.grid?.step ?? 1) / Math.sqrt(part);
     this.drawNow();
   }

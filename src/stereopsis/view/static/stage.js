@@ -53,11 +53,6 @@ export class Stage {
     this.#panes.forEach((pane, i) => pane.classList.toggle("away", this.mode === "flicker" && i !== turn));
   }
 
-  /** Which pane shows the right image, if any. */
-  isRight(pane) {
-    return this.layers[this.#panes.indexOf(pane)] === "right";
-  }
-
   /** Draw before the next frame. */
   draw() {
     this.#drawing ||= requestAnimationFrame(() => this.drawNow());

@@ -34,6 +34,8 @@ RANKED = (1.0, 2.0, 3.0)
 """Errors that the score is to rank."""
 SAMPLE = 4000
 """Pixels of a pair that the fit looks at, at most."""
+LEAST = 0.85
+"""What the preset "accurate" stands for."""
 MEASURES = ("bad-1", "bad-2", "bad-3", "epe")
 
 
@@ -154,6 +156,7 @@ def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
     print("| benchmark | pixels | confidence | " + " | ".join(MEASURES) + " |")
     print("| --- | --- | --- " + "| ---: " * len(MEASURES) + "|")
     answers: dict[str, list[tuple[Any, Any]]] = {}
+    kept: dict[str, list[Floats]] = {}
     for dataset in found:
         areas: dict[tuple[str, str], list[Floats]] = {}
         for sample in dataset[1::2]:
@@ -165,6 +168,8 @@ def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
                 trusts |= {how: knows(errors) for how, knows in ORACLES.items()}
                 for how, trust in trusts.items():
                     areas.setdefault((name, how), []).append(area(errors, trust))
+            owns = seen.answered, seen.answered & (seen.probability >= np.float32(LEAST))
+            kept.setdefault(dataset.name, []).append(np.array([worth(seen, own) for own in owns]))
             right = seen.errors[seen.known] <= RIGHT
             answers.setdefault(dataset.name, []).append((seen.probability[seen.known], right))
         for (name, how), rows in areas.items():
@@ -185,6 +190,17 @@ def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
         print(
             f"{name}: {reliability(*(np.concatenate(part) for part in zip(*pairs, strict=True))).error:.3f}"
         )
+    print(f"\n| benchmark | matched | wrong of these | at least {LEAST} | wrong of these |")
+    print("| --- | ---: | ---: | ---: | ---: |")
+    for name, shares in kept.items():
+        print(f"| {name} | {' | '.join(f'{share:.2%}' for share in np.mean(shares, axis=0).ravel())} |")
+    print()
+
+
+def worth(seen: Maps, own: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """How many of the known pixels these are, and how many of them are wrong."""
+    own = own[seen.known]
+    return float(own.mean()), float((seen.errors[seen.known][own] > RIGHT).mean()) if own.any() else 0.0
 
 
 def area(errors: Floats, trust: Floats) -> Floats:

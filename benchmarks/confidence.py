@@ -1,17 +1,18 @@
 """Fit the calibrated confidence on half of the pairs, and see on the other half what it is worth.
 
-python benchmarks/confidence.py fit FOLDER... [--set NAME=VALUE]... [--preset NAME]
-python benchmarks/confidence.py check FOLDER... [--set NAME=VALUE]... [--preset NAME]
+python benchmarks/confidence.py fit FOLDER... [--set NAME=VALUE]... [--preset NAME]...
+python benchmarks/confidence.py check FOLDER... [--set NAME=VALUE]... [--preset NAME]...
 
 `fit` prints the weights that stand in src/stereopsis/confidence.py, from every second pair of each benchmark,
-each of which counts alike. `check` takes the others: areas under the sparsification curve over the ideal
-ones, and the reliability table. The range is 0:128, or up to Middlebury's ndisp. Pixels that only the left
-camera sees do not count where they are known.
+each of which counts alike, matched by each of the presets. `check` takes the other pairs: areas under the
+sparsification curve over the ideal ones, and the reliability table. The range is 0:128, or up to Middlebury's
+ndisp. Pixels that only the left camera sees do not count where they are known.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,18 +34,23 @@ RANKED = (1.0, 2.0, 3.0)
 """Errors that the score is to rank."""
 SAMPLE = 4000
 """Pixels of a pair that the fit looks at, at most."""
+LEAST = 0.85
+"""What the preset "accurate" stands for."""
 MEASURES = ("bad-1", "bad-2", "bad-3", "epe")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     options = parse(arguments)
     found = [datasets.open(folder) for folder in options.folders]
-    settings = Settings.make(options.preset, assignments=options.assignments)
+    presets = options.presets or [None]
+    settings = [Settings.make(preset, assignments=options.assignments) for preset in presets]
     if options.task == "fit":
-        for name, weights in zip(("ANSWERED", "FILLED"), fit(found, settings), strict=True):
-            print(f"{name} = ({', '.join(f'{weight:.3f}' for weight in weights)})")
+        for weights in fit(found, settings):
+            print(f"({', '.join(f'{weight:.3f}' for weight in weights)}),")
     else:
-        check(found, settings)
+        for chosen in settings:
+            print(f"# {chosen.preset}\n")
+            check(found, chosen)
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -53,7 +59,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("task", choices=("fit", "check"))
     parser.add_argument("folders", nargs="+", metavar="FOLDER", type=Path)
     parser.add_argument("--set", dest="assignments", action="append", default=[], metavar="NAME=VALUE")
-    parser.add_argument("--preset", metavar="NAME")
+    parser.add_argument("--preset", dest="presets", action="append", default=[], metavar="NAME")
     return parser.parse_args(arguments)
 
 
@@ -84,20 +90,20 @@ def maps(sample: datasets.Sample, settings: Settings) -> Maps:
     chosen = settings.changed(confidence="calibrated", least_confidence=None, disparities=disparities)
     with mock.patch.object(confidence, "probability", wraps=confidence.probability) as asked:
         st.match(pair, settings=chosen)
-    given = asked.call_args.args[:5]
+    *given, model, _ = asked.call_args.args
     truth, mask = sample.truth(), sample.mask()
     assert truth is not None
     known = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
-    return Maps(given, confidence.probability(*given), np.abs(given[0] - truth), known)
+    return Maps(tuple(given), confidence.probability(*given, model), np.abs(given[0] - truth), known)
 
 
-def fit(found: Sequence[datasets.Dataset], settings: Settings) -> Iterator[Floats]:
+def fit(found: Sequence[datasets.Dataset], settings: Sequence[Settings]) -> Iterator[Floats]:
     """Weights for matched, then for filled pixels."""
     rng = np.random.default_rng(0)
     rows: dict[bool, list[tuple[Floats, Floats, Floats]]] = {True: [], False: []}
     for dataset in found:
-        for sample in dataset[::2]:
-            seen = maps(sample, settings)
+        for sample, chosen_settings in itertools.product(dataset[::2], settings):
+            seen = maps(sample, chosen_settings)
             table = confidence.features(*seen.given)
             for which, chosen in rows.items():
                 at = np.flatnonzero(seen.known & (seen.answered == which))
@@ -118,9 +124,9 @@ def ordinal(seen: Floats, errors: Floats, counts: Floats) -> Floats:
     bounds = len(RANKED)
     last = np.repeat(np.eye(bounds), len(seen), axis=0)
     within = np.concatenate([errors <= bound for bound in RANKED])
-    shared = logistic(
-        np.hstack([np.tile(seen[:, :-1], (bounds, 1)), last]), within, np.tile(counts, bounds)
-    )[:-bounds]
+    shared = logistic(np.hstack([np.tile(seen[:, :-1], (bounds, 1)), last]), within, np.tile(counts, bounds))[
+        :-bounds
+    ]
     score = seen[:, :-1] @ shared
     scale, offset = logistic(np.stack([score, np.ones(len(seen))], axis=1), errors <= RIGHT, counts)
     return np.append(scale * shared, offset)
@@ -150,6 +156,7 @@ def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
     print("| benchmark | pixels | confidence | " + " | ".join(MEASURES) + " |")
     print("| --- | --- | --- " + "| ---: " * len(MEASURES) + "|")
     answers: dict[str, list[tuple[Any, Any]]] = {}
+    kept: dict[str, list[Floats]] = {}
     for dataset in found:
         areas: dict[tuple[str, str], list[Floats]] = {}
         for sample in dataset[1::2]:
@@ -161,6 +168,8 @@ def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
                 trusts |= {how: knows(errors) for how, knows in ORACLES.items()}
                 for how, trust in trusts.items():
                     areas.setdefault((name, how), []).append(area(errors, trust))
+            owns = seen.answered, seen.answered & (seen.probability >= np.float32(LEAST))
+            kept.setdefault(dataset.name, []).append(np.array([worth(seen, own) for own in owns]))
             right = seen.errors[seen.known] <= RIGHT
             answers.setdefault(dataset.name, []).append((seen.probability[seen.known], right))
         for (name, how), rows in areas.items():
@@ -178,7 +187,20 @@ def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
         print(f"| {low:.1f} to {high:.1f} | {share:.1%} | {mean:.3f} | {right:.3f} |")
     print(f"\nexpected calibration error {table.error:.3f}")
     for name, pairs in answers.items():
-        print(f"{name}: {reliability(*(np.concatenate(part) for part in zip(*pairs, strict=True))).error:.3f}")
+        print(
+            f"{name}: {reliability(*(np.concatenate(part) for part in zip(*pairs, strict=True))).error:.3f}"
+        )
+    print(f"\n| benchmark | matched | wrong of these | at least {LEAST} | wrong of these |")
+    print("| --- | ---: | ---: | ---: | ---: |")
+    for name, shares in kept.items():
+        print(f"| {name} | {' | '.join(f'{share:.2%}' for share in np.mean(shares, axis=0).ravel())} |")
+    print()
+
+
+def worth(seen: Maps, own: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """How many of the known pixels these are, and how many of them are wrong."""
+    own = own[seen.known]
+    return float(own.mean()), float((seen.errors[seen.known][own] > RIGHT).mean()) if own.any() else 0.0
 
 
 def area(errors: Floats, trust: Floats) -> Floats:

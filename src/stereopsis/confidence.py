@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -24,10 +26,26 @@ FEATURES = (
 )
 """What the model looks at, in the order of its weights."""
 
+
+class Model(NamedTuple):
+    """Weights of the features: for pixels that were matched, and for those that were filled."""
+
+    answered: tuple[float, ...]
+    filled: tuple[float, ...]
+
+
 # python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY --preset accurate
-ANSWERED = (2.094, 6.451, -1.551, -1.976, -10.946, -2.257, -0.218, 2.199, -2.438, 3.509)
-FILLED = (0.000, -1.592, 1.886, -1.537, -11.495, -0.681, -1.471, 1.859, -1.466, 2.283)
-"""Weights for pixels that were matched, and for those that were filled."""
+SEMI_GLOBAL = Model(
+    (2.094, 6.451, -1.551, -1.976, -10.946, -2.257, -0.218, 2.199, -2.438, 3.509),
+    (0.000, -1.592, 1.886, -1.537, -11.495, -0.681, -1.471, 1.859, -1.466, 2.283),
+)
+"""For semi-global matching."""
+# The same with --preset fast --preset local --set fill=surfaces
+LOCAL = Model(
+    (0.921, 0.848, 1.304, -0.327, -3.910, -0.659, -3.427, 1.239, -1.562, 2.730),
+    (0.000, -0.405, 2.700, 0.071, -5.855, -0.787, -1.861, 1.157, -1.216, 1.397),
+)
+"""For everything else."""
 
 TEXTURE_WINDOW = (9, 9)
 """Of `stereopsis.validate.texture`, which the model looks at."""
@@ -41,6 +59,7 @@ def probability(
     sharpness: npt.NDArray[np.float32],
     winners: DisparityMap,
     texture: npt.NDArray[np.float32],
+    model: Model,
     threads: int = 0,
 ) -> npt.NDArray[np.float32]:
     r"""The probability that an answer is within 3 pixels of the truth, as a logistic model has it.
@@ -63,6 +82,8 @@ def probability(
         The disparities before any filter; NaN for none. Only where `answered`.
     texture : ndarray of float32, (H, W)
         `stereopsis.validate.texture` of the left image, in 256 grey levels, over `TEXTURE_WINDOW`.
+    model : Model
+        Sharpness means another thing after another cost: `SEMI_GLOBAL` or `LOCAL`.
     threads : int
 
     Returns
@@ -84,7 +105,7 @@ def probability(
         np.ascontiguousarray(sharpness, np.float32),
         np.ascontiguousarray(winners, np.float32),
         np.ascontiguousarray(texture, np.float32),
-        np.array([ANSWERED, FILLED], np.float32),
+        np.array(model, np.float32),
         LOGISTIC,
         found,
         threads,

@@ -372,7 +372,7 @@ def _match(
     if chosen.confidence is not None:
         with _timed(timings, "confidence"):
             confidence = _calibrated(
-                disparity, ~holes, confidence, cast(DisparityMap, winners), pixels, chosen.threads
+                disparity, ~holes, confidence, cast(DisparityMap, winners), pixels, chosen
             )
     if chosen.least_confidence is not None:
         doubtful = ~holes & (confidence < chosen.least_confidence)
@@ -426,15 +426,21 @@ def _calibrated(
     sharpness: npt.NDArray[np.float32],
     winners: DisparityMap,
     pixels: cost.Pixels,
-    threads: int,
+    chosen: Settings,
 ) -> npt.NDArray[np.float32]:
     """The probability that an answer is right; 0 where there is none."""
-    # The model looks at windows: what holds no answer is seen as its background.
-    surface = np.nan_to_num(fill.background(disparity)) if np.isnan(disparity).any() else disparity
+    # The model looks at windows: what holds no answer is seen as its background, but a row without any as 0:
+    # its background lies farther off than a part of the image reaches.
+    holes, surface = np.isnan(disparity), disparity
+    if holes.any():
+        surface = np.nan_to_num(fill.background(disparity))
+        surface[holes.all(axis=1)] = 0
     guide = _fused.guide_of(pixels)[..., None]
-    texture = validate.texture(guide, confidence.TEXTURE_WINDOW, threads)
-    found = confidence.probability(surface, matched, sharpness, winners, texture, threads)
-    found[np.isnan(disparity)] = 0
+    texture = validate.texture(guide, confidence.TEXTURE_WINDOW, chosen.threads)
+    model = confidence.SEMI_GLOBAL if isinstance(chosen.optimize, sgm.SGM) else confidence.LOCAL
+    given = surface, matched, sharpness, winners, texture
+    found = confidence.probability(*given, model, chosen.threads)
+    found[holes] = 0
     return found
 
 

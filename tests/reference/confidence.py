@@ -13,7 +13,7 @@ def window(values, y, x, side):
     return values[np.ix_(rows, columns)]
 
 
-def probability(surface, answered, sharpness, winners, texture, models):
+def probability(surface, answered, sharpness, winners, texture, model):
     height, width = surface.shape
     level = np.rint(16 * surface.astype(np.float64)) / 16
     jump, drawn = np.zeros(surface.shape), np.full(surface.shape, 3.0)
@@ -39,6 +39,7 @@ def probability(surface, answered, sharpness, winners, texture, models):
             float(texture[y, x] / (texture[y, x] + 8)),
             1,
         ]
-        score = sum(w * f for w, f in zip(models[0 if answered[y, x] else 1], seen, strict=True))
+        weights = model.answered if answered[y, x] else model.filled
+        score = sum(w * f for w, f in zip(weights, seen, strict=True))
         found[y, x] = 1 / (1 + math.exp(-min(max(score, -8), 8)))
     return found

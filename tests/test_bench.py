@@ -211,7 +211,8 @@ def test_a_broken_pair_on_the_command_line(broken, capsys: Capture):
         (["accuracy", ".", "--disparities", "9:3"], "holds no disparity"),
         (["accuracy"], "Missing argument"),
         (["speed", "--repeats", "0"], "not in the range"),
-        (["speed", "--csv", "/nowhere/at/all.csv"], "/nowhere/at"),
+        (["speed", "--csv", "/nowhere/at/all.csv"], "/nowhere/at: No such file or directory"),
+        (["speed", "--csv", "/"], "/: Is a directory"),
     ],
 )
 def test_refusals(words, message, tmp_path, monkeypatch, capsys: Capture):

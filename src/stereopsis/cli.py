@@ -636,8 +636,8 @@ def _compared(command: F) -> F:
         ours = methods.presets(_names(presets or ""), assignments)
         if others["opencv"]:
             opencv.require()
-        if csv_file and not os.access(csv_file.parent, os.W_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(csv_file.parent))
+        if csv_file:
+            _check_writable(csv_file)
         return command(*args, ours=ours, csv_file=csv_file, **others)
 
     return cast(F, with_methods)
@@ -865,11 +865,20 @@ def _check_outputs(
     seen = {path.resolve() for path in inputs if path}
     for path in paths:
         io.check_output(path, calibration=camera)
-        if not os.access(path.parent, os.W_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path.parent))
+        _check_writable(path)
         if path.resolve() in seen:
             raise ValueError(f"{path} is also read, or written twice")
         seen.add(path.resolve())
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse a file that is a folder, or whose own folder is not there or not to be written to."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
+    if not os.access(path.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path.parent))
 
 
 def _write_outputs(paths: Sequence[Path], result: Result, pair: Pair) -> None:

@@ -704,7 +704,7 @@ def _compose(
     beyond = None
     if isinstance(solver, sgm.SGM):
         with _timed(timings, "optimize"):
-            volume = _path_sums(volume, pixels, chosen, solver, seen, perfect, unit)
+            volume = _path_sums(volume, pixels, chosen, solver, perfect, unit)
             beyond = sgm.out_of_view(volume, seen.min, threads)
         solver, unit, perfect = None, 1.0, 0.0
 
@@ -764,7 +764,6 @@ def _path_sums(
     pixels: cost.Pixels,
     chosen: Settings,
     solver: sgm.SGM,
-    seen: Disparities,
     perfect: float,
     unit: float,
 ) -> npt.NDArray[np.uint16]:

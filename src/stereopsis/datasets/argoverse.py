@@ -13,10 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from stereopsis._files import read
 from stereopsis.datasets.folder import Folder
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
-from stereopsis.io.calibration import check_calibration
+from stereopsis.io.calibration import MAX_BYTES, check_calibration
 from stereopsis.types import Calibration
 
 NAME = "Argoverse stereo"
@@ -63,7 +64,7 @@ def _log(root: Folder, part: Folder, log: Folder, prefix: str) -> Iterator[Sampl
 
 def read_calibration(file: Path) -> Calibration:
     """Read the rectified cameras of a log."""
-    data = file.read_bytes()
+    data = read(file, MAX_BYTES, "a calibration")
     with naming(file):
         cameras = {camera["key"]: camera["value"] for camera in json.loads(data)["camera_data_"]}
         left, right = (cameras[f"image_raw_{side}"] for side in (_LEFT, _RIGHT))

@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis._files import read
 from stereopsis.datasets.folder import Folder, in_either, only_one
 from stereopsis.datasets.readers import Scaled
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
-from stereopsis.io.calibration import check_calibration
+from stereopsis.io.calibration import MAX_BYTES, check_calibration
 from stereopsis.types import Calibration
 
 NAME = "DrivingStereo"
@@ -97,7 +98,7 @@ def _calibration_file(places: list[Folder], name: str, full: bool) -> Path | Non
 
 def read_calibration(file: Path) -> Calibration:
     """Read a file of ``half-image-calib`` or ``full-image-calib``: the left camera is 101, the right 103."""
-    data = file.read_bytes()
+    data = read(file, MAX_BYTES, "a calibration")
     with naming(file):
         lines = (line.partition(":") for line in data.decode("ascii").splitlines())
         numbers = {key: value.split() for key, _, value in lines}

@@ -14,11 +14,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from stereopsis._files import read
 from stereopsis.datasets.folder import Folder
 from stereopsis.datasets.readers import FromDepth, consistent
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
-from stereopsis.io.calibration import check_calibration
+from stereopsis.io.calibration import MAX_BYTES, check_calibration
 from stereopsis.types import Calibration, DisparityMap
 
 NAME = "Falling Things"
@@ -40,7 +41,7 @@ def _scene(name: str, scene: Folder) -> Iterator[Sample]:
     settings = scene.file("_camera_settings.json")
     if settings is None:
         return
-    read = Depth(settings)
+    depth = Depth(settings)
     views = (file.partition(".") for file in scene.files)
     for number in sorted({number for number, _, kind in views if kind in ("left.jpg", "right.jpg")}):
         truth, other = (scene.file(f"{number}.{side}.depth.png") for side in ("left", "right"))
@@ -50,8 +51,8 @@ def _scene(name: str, scene: Folder) -> Iterator[Sample]:
             scene.path / f"{number}.right.jpg",
             truth,
             settings,
-            read_mask=consistent(truth, other, read),
-            read_truth=read,
+            read_mask=consistent(truth, other, depth),
+            read_truth=depth,
             read_calibration=read_calibration,
         )
 
@@ -70,7 +71,7 @@ class Depth:
 
 def read_calibration(file: Path) -> Calibration:
     """Read the left camera of ``_camera_settings.json``."""
-    data = file.read_bytes()
+    data = read(file, MAX_BYTES, "a calibration")
     with naming(file):
         cameras = json.loads(data)["camera_settings"]
         left = next((camera for camera in cameras if camera.get("name") == "left"), cameras[0])

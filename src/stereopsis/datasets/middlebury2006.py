@@ -17,10 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from stereopsis import io
+from stereopsis._files import read
 from stereopsis.datasets.folder import Folder, only_one
 from stereopsis.datasets.readers import consistent, integers
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
+from stereopsis.io.calibration import MAX_BYTES
 from stereopsis.types import Calibration, DisparityMap
 
 NAME = "Middlebury 2005/2006"
@@ -66,8 +68,9 @@ def read_truth(file: Path) -> DisparityMap:
 
 def read_calibration(file: Path) -> Calibration:
     """Read ``dmin.txt``, beside which the truth tells the size of the images."""
+    data = read(file, MAX_BYTES, "a calibration")
     with naming(file):
-        smallest = float(file.read_text(encoding="ascii"))
+        smallest = float(data.decode("ascii"))
     height, width = integers(file.with_name("disp1.png"), np.uint8).shape
     divisor = _divisor(file, height)
     return Calibration(

@@ -92,7 +92,7 @@ def write(
         study=study,
         toml=_shown(study),
         sections=sections,
-        examples=_examples(plan, outcome, report, pictures),
+        examples=_examples(plan, outcome, pictures),
         error_legend=_error_legend(),
         failed=outcome.failed,
         settings=_settings(outcome),
@@ -159,7 +159,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str, str]]:
     return list(first.values())
 
 
-def _examples(plan: Plan, outcome: Outcome, report: Report, pictures: Sequence[Picture]) -> list[Example]:
+def _examples(plan: Plan, outcome: Outcome, pictures: Sequence[Picture]) -> list[Example]:
     """The first pair, and those on which the methods do worst and best."""
     if not pictures:
         return []

@@ -17,6 +17,7 @@
 #include "dispatch.hpp"
 #include "parallel.hpp"
 #include "planar.hpp"
+#include "rows.hpp"
 #include "planes.hpp"
 #include "sgm.hpp"
 #include "stages.hpp"
@@ -730,26 +731,31 @@ NB_MODULE(_core, m) {
   bind_move_rows<int32_t>(m);
 
   m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach_x, int reach_y, double least,
-                      const Array<int32_t, 3>& found, int threads) {
+                      const Array<int32_t, 3>& found, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1);
     const HalfWindow reach = half_window_of(reach_x, reach_y);
     require(tile > 0 && stride > 0, "tile and stride are at least 1");
     require_shape(found, H / tile, W / tile, 2);
-    run(threads, [&](const Workers& workers) { corners(image.data(), H, W, tile, stride, reach, least, found.data(), workers); });
+    const RowKernels& kernels = choose_rows(instructions);
+    run(threads, [&](const Workers& workers) {
+      corners(image.data(), H, W, tile, stride, reach, least, found.data(), kernels, workers);
+    });
   });
 
   m.def("track", [](const Array<const uint8_t, 2>& left, const Array<const uint8_t, 2>& right,
                     const Array<const int32_t, 2>& points, int reach_x, int reach_y, int iterations,
-                    const Array<double, 2>& motion, const Array<double, 1>& correlation, int threads) {
+                    const Array<double, 2>& motion, const Array<double, 1>& correlation, int threads,
+                    const std::string& instructions) {
     const int H = left.shape(0), W = left.shape(1), count = points.shape(0);
     const HalfWindow reach = half_window_of(reach_x, reach_y);
     require_shape(right, H, W);
     require_shape(points, count, 2);
     require_shape(motion, count, 2);
     require_shape(correlation, count);
+    const RowKernels& kernels = choose_rows(instructions);
     run(threads, [&](const Workers& workers) {
       track(left.data(), right.data(), H, W, points.data(), count, reach, iterations, motion.data(), correlation.data(),
-            workers);
+            kernels, workers);
     });
   });
 
@@ -804,11 +810,13 @@ NB_MODULE(_core, m) {
     return count;
   });
 
-  m.def("median", [](const Array<const float, 2>& disparity, int size, const Array<float, 2>& out, int threads) {
+  m.def("median", [](const Array<const float, 2>& disparity, int size, const Array<float, 2>& out, int threads,
+                     const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     require(1 <= size && size <= 255, "size runs from 1 to 255");
     require_shape(out, H, W);
-    run(threads, [&](const Workers& workers) { median(disparity.data(), H, W, size, out.data(), workers); });
+    const RowKernels& kernels = choose_rows(instructions);
+    run(threads, [&](const Workers& workers) { median(disparity.data(), H, W, size, out.data(), kernels, workers); });
   });
 
   m.def("planar", [](const Array<const float, 2>& disparity, int window_width, int window_height, float tolerance, int iterations,

@@ -4,6 +4,7 @@
 
 #include "pixelwise.hpp"
 #include "planar.hpp"
+#include "rows.hpp"
 #include "sgm.hpp"
 
 #if defined(STEREOPSIS_X86) && defined(_MSC_VER)
@@ -17,6 +18,7 @@ namespace generic {
 extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
+extern const RowKernels rows;
 extern const SgmKernels sgm;
 }  // namespace generic
 
@@ -25,12 +27,14 @@ namespace avx2 {
 extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
+extern const RowKernels rows;
 extern const SgmKernels sgm;
 }  // namespace avx2
 namespace avx512 {
 extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
+extern const RowKernels rows;
 extern const SgmKernels sgm;
 }  // namespace avx512
 namespace avx512vnni {
@@ -128,6 +132,9 @@ const SgmKernels& choose_sgm(const std::string& name) {
 const PlanarKernel& choose_planar(const std::string& name) {
   return build_for<PlanarKernel>(name, generic::planar, &avx2::planar, &avx512::planar, nullptr);
 }
+const RowKernels& choose_rows(const std::string& name) {
+  return build_for<RowKernels>(name, generic::rows, &avx2::rows, &avx512::rows, nullptr);
+}
 #else
 const PixelwiseKernels& choose_pixelwise(const std::string& name) {
   return build_for<PixelwiseKernels>(name, generic::pixelwise, nullptr, nullptr, nullptr);
@@ -135,6 +142,9 @@ const PixelwiseKernels& choose_pixelwise(const std::string& name) {
 const SgmKernels& choose_sgm(const std::string& name) { return build_for<SgmKernels>(name, generic::sgm, nullptr, nullptr, nullptr); }
 const PlanarKernel& choose_planar(const std::string& name) {
   return build_for<PlanarKernel>(name, generic::planar, nullptr, nullptr, nullptr);
+}
+const RowKernels& choose_rows(const std::string& name) {
+  return build_for<RowKernels>(name, generic::rows, nullptr, nullptr, nullptr);
 }
 #endif
 

@@ -4,21 +4,20 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "rows.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
 
 namespace {
 
-// Windows of the usual width are loops of a known length, which are unrolled; Columns is 0 for all others.
-constexpr int kUsual = 13;
+// Windows of the usual width are taken by the kernels of rows_isa.cpp; these here are for all others.
 constexpr int kWidest = 2 * 127 + 1;
-constexpr int most_columns(int columns) { return columns ? columns : kWidest; }
+bool usual(const HalfWindow& reach) { return 2 * reach.x + 1 == kUsualColumns && 2 * reach.y + 1 <= kTallestUsual; }
 
 // The smaller eigenvalue of the window's summed products of gradients, gradients being I(+1) - I(-1).
-template <int Columns>
 double cornerness(const uint8_t* image, int stride, int x, int y, const HalfWindow& reach) {
-  const int columns = Columns ? Columns : 2 * reach.x + 1;
+  const int columns = 2 * reach.x + 1;
   int64_t xx = 0, xy = 0, yy = 0;
   for (int v = y - reach.y; v <= y + reach.y; ++v) {
     const uint8_t* row = image + static_cast<size_t>(v) * stride + x - reach.x;
@@ -40,10 +39,9 @@ double cornerness(const uint8_t* image, int stride, int x, int y, const HalfWind
 constexpr double kStill = 0.01;  // pixels: a point that moves less has arrived
 
 // Sums are of columns first, side by side, and then of these.
-template <int Columns>
 double total(const float* column, int columns) {
   double sum = 0;
-  for (int u = 0; u < (Columns ? Columns : columns); ++u) sum += column[u];
+  for (int u = 0; u < columns; ++u) sum += column[u];
   return sum;
 }
 
@@ -53,16 +51,15 @@ struct Products {
 };
 
 // A window of the left image about its mean, and its gradients about theirs.
-template <int Columns>
 class Template {
  public:
   explicit Template(const HalfWindow& reach)
-      : reach_(reach), columns_(Columns ? Columns : 2 * reach.x + 1), rows_(2 * reach.y + 1),
+      : reach_(reach), columns_(2 * reach.x + 1), rows_(2 * reach.y + 1),
         value_(static_cast<size_t>(columns_) * rows_), gx_(value_.size()), gy_(value_.size()) {}
   double squares, x_value, y_value, xx, xy, yy;
 
   void take(const uint8_t* left, int stride, int x, int y) {
-    const int columns = Columns ? Columns : columns_;
+    const int columns = columns_;
     float value[kMost] = {}, gx[kMost] = {}, gy[kMost] = {};
     for (int v = 0; v < rows_; ++v) {
       const uint8_t* at = left + static_cast<size_t>(y - reach_.y + v) * stride + x - reach_.x;
@@ -75,7 +72,7 @@ class Template {
       for (int u = 0; u < columns; ++u) value[u] += values[u], gx[u] += slopes[u], gy[u] += rises[u];
     }
     const double pixels = static_cast<double>(columns) * rows_;
-    const auto mean = [&](const float* sums) { return static_cast<float>(total<Columns>(sums, columns) / pixels); };
+    const auto mean = [&](const float* sums) { return static_cast<float>(total(sums, columns) / pixels); };
     mean_ = mean(value);
     const float mean_x = mean(gx), mean_y = mean(gy);
     float sums[6][kMost] = {};
@@ -92,13 +89,13 @@ class Template {
       }
     }
     double* const totals[] = {&squares, &x_value, &y_value, &xx, &xy, &yy};
-    for (int k = 0; k < 6; ++k) *totals[k] = total<Columns>(sums[k], columns);
+    for (int k = 0; k < 6; ++k) *totals[k] = total(sums[k], columns);
   }
 
   // The right window at (x, y), straight lines between pixels; false where it leaves the image.
   bool compare(const uint8_t* right, int height, int width, double x, double y, Products* found) const {
     if (!(x >= reach_.x && x <= width - 1 - reach_.x && y >= reach_.y && y <= height - 1 - reach_.y)) return false;
-    const int columns = Columns ? Columns : columns_;
+    const int columns = columns_;
     const int left = std::min(static_cast<int>(x), width - 2 - reach_.x);
     const int top = std::min(static_cast<int>(y), height - 2 - reach_.y);
     const float s = static_cast<float>(x - left), t = static_cast<float>(y - top), mean = mean_;
@@ -117,23 +114,26 @@ class Template {
         by_y[u] += w * gy[u];
       }
     }
-    const double all = total<Columns>(sum, columns);
-    *found = {total<Columns>(squares_of, columns) - all * all / (static_cast<double>(columns) * rows_),
-              total<Columns>(by_value, columns), total<Columns>(by_x, columns), total<Columns>(by_y, columns)};
+    const double all = total(sum, columns);
+    *found = {total(squares_of, columns) - all * all / (static_cast<double>(columns) * rows_),
+              total(by_value, columns), total(by_x, columns), total(by_y, columns)};
     return true;
   }
 
  private:
-  static constexpr int kMost = most_columns(Columns);
+  static constexpr int kMost = kWidest;
   const HalfWindow reach_;
   const int columns_, rows_;
   float mean_ = 0;
   std::vector<float> value_, gx_, gy_;
 };
 
-template <int Columns>
-void corners_of(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least,
-                int32_t* found, const Workers& workers) {
+}  // namespace
+
+void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
+             const RowKernels& kernels, const Workers& workers) {
+  const Windows windows{image, image, height, width, 2 * reach.y + 1};
+  const bool as_usual = usual(reach);
   const int rows = height / tile, columns = width / tile;
   parallel_rows(rows, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int row = begin; row < end && !cancel.load(std::memory_order_relaxed); ++row)
@@ -144,7 +144,7 @@ void corners_of(const uint8_t* image, int height, int width, int tile, int strid
         for (int y = row * tile; y < (row + 1) * tile; y += stride)
           for (int x = column * tile; x < (column + 1) * tile; x += stride) {
             if (x <= reach.x || x + reach.x + 1 >= width || y <= reach.y || y + reach.y + 1 >= height) continue;
-            const double score = cornerness<Columns>(image, width, x, y, reach);
+            const double score = as_usual ? kernels.cornerness(windows, x, y) : cornerness(image, width, x, y, reach);
             if (score <= most) continue;
             most = score;
             best[0] = x;
@@ -154,16 +154,22 @@ void corners_of(const uint8_t* image, int height, int width, int tile, int strid
   });
 }
 
-template <int Columns>
-void track_by(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
-              const HalfWindow& reach, int iterations, double* motion, double* correlation, const Workers& workers) {
+void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
+           const HalfWindow& reach, int iterations, double* motion, double* correlation, const RowKernels& kernels,
+           const Workers& workers) {
+  const Windows windows{left, right, height, width, 2 * reach.y + 1};
+  const bool as_usual = usual(reach);
   parallel_rows(count, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    Template<Columns> mine(reach);
+    Template mine(reach);
     for (int k = begin; k < end && !cancel.load(std::memory_order_relaxed); ++k) {
       const int x = points[2 * k], y = points[2 * k + 1];
       double u = motion[2 * k], v = motion[2 * k + 1];
       correlation[k] = std::numeric_limits<double>::quiet_NaN();
       if (x <= reach.x || x + reach.x + 1 >= width || y <= reach.y || y + reach.y + 1 >= height) continue;
+      if (as_usual) {
+        kernels.track(windows, x, y, iterations, motion + 2 * k, correlation + k);
+        continue;
+      }
       mine.take(left, width, x, y);
       const double determinant = mine.xx * mine.yy - mine.xy * mine.xy;
       if (!(determinant > 1e-9 * mine.xx * mine.yy)) continue;
@@ -186,20 +192,6 @@ void track_by(const uint8_t* left, const uint8_t* right, int height, int width, 
       motion[2 * k + 1] = v;
     }
   });
-}
-
-}  // namespace
-
-void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
-             const Workers& workers) {
-  const auto chosen = 2 * reach.x + 1 == kUsual ? &corners_of<kUsual> : &corners_of<0>;
-  chosen(image, height, width, tile, stride, reach, least, found, workers);
-}
-
-void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
-           const HalfWindow& reach, int iterations, double* motion, double* correlation, const Workers& workers) {
-  const auto chosen = 2 * reach.x + 1 == kUsual ? &track_by<kUsual> : &track_by<0>;
-  chosen(left, right, height, width, points, count, reach, iterations, motion, correlation, workers);
 }
 
 namespace {

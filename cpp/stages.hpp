@@ -185,12 +185,14 @@ struct HalfWindow {
 };
 // In each whole tile the column and row, every `stride` pixels, whose window has the largest smaller eigenvalue of its
 // summed products of gradients; of equal ones the first. -1, -1 where none exceeds `least`. `found` is (rows, columns, 2).
+struct RowKernels;
 void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
-             const Workers& workers);
+             const RowKernels& kernels, const Workers& workers);
 // Where points (x, y) of the left image went, in columns and rows: Lucas and Kanade's iterations from the motion that is
 // given, with each window's mean and gain removed. The correlation is NaN where a window leaves its image or is flat.
 void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
-           const HalfWindow& reach, int iterations, double* motion, double* correlation, const Workers& workers);
+           const HalfWindow& reach, int iterations, double* motion, double* correlation, const RowKernels& kernels,
+           const Workers& workers);
 // The image at (x, y + offset(x, y)), by cubic convolution along the column.
 template <class T>
 void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
@@ -215,7 +217,8 @@ int label(const uint8_t* inside, int height, int width, int32_t* region, const W
 
 // ---- refine ----------------------------------------------------------------------------------------------------------
 // Median over a size x size window of the pixels that have a value; pixels without one stay without.
-void median(const float* disparity, int height, int width, int size, float* filtered, const Workers& workers);
+void median(const float* disparity, int height, int width, int size, float* filtered, const RowKernels& kernels,
+            const Workers& workers);
 
 // The value at each pixel of the plane through what its window holds within `tolerance` of that plane: truncated least
 // squares, from the map as it is, fronto-parallel, in `iterations` steps. Of a window at most kPlanarColumns x kPlanarRows pixels count.

@@ -135,7 +135,9 @@ void speckle(const float* disparity, int height, int width, int area, float diff
     for (size_t k = 0; k < parent.size(); ++k) pixels[k] = first[k + 1] - first[k];
     for (size_t k = parent.size(); k-- > 0;) pixels[parent[k]] += parent[k] == static_cast<int>(k) ? 0 : pixels[k];
     for (size_t k = 0; k < parent.size(); ++k) pixels[k] = pixels[parent[k]];
-    for (size_t at = 0; at < run_of.size(); ++at) speckle[at] = !std::isnan(disparity[at]) && pixels[run_of[at]] < area;
+    // A run has a value throughout, or nowhere.
+    for (size_t k = 0; k < parent.size(); ++k)
+      std::memset(speckle + first[k], !std::isnan(disparity[first[k]]) && pixels[k] < area, first[k + 1] - first[k]);
   });
 }
 

@@ -72,7 +72,7 @@ def bits(result):
 def test_corners(shape, tile, stride, reach, least, threads, seed):
     image = noise(shape, seed)
     points = np.empty((shape[0] // tile, shape[1] // tile, 2), np.int32)
-    _core.corners(image, tile, stride, *reach, least, points, threads)
+    _core.corners(image, tile, stride, *reach, least, points, threads, "")
     np.testing.assert_array_equal(points, reference.corners(image, tile, stride, reach, least))
 
 
@@ -81,10 +81,10 @@ def test_corners_by_hand():
     image = np.zeros((12, 12), np.uint8)
     image[:, 6:] = 200
     points = np.empty((1, 1, 2), np.int32)
-    _core.corners(image, 12, 1, 1, 1, 0.0, points, 1)
+    _core.corners(image, 12, 1, 1, 1, 0.0, points, 1, "")
     np.testing.assert_array_equal(points, [[[-1, -1]]])
     image[:6] = 0
-    _core.corners(image, 12, 1, 1, 1, 0.0, points, 1)
+    _core.corners(image, 12, 1, 1, 1, 0.0, points, 1, "")
     # Gradients are 200 in x at columns 5 and 6 from row 6 on, in y at rows 5 and 6 from column 6 on.
     assert points[0, 0].tolist() in ([6, 6], [5, 5], [6, 5], [5, 6])
     np.testing.assert_array_equal(points, reference.corners(image, 12, 1, (1, 1), 0.0))
@@ -106,7 +106,7 @@ def test_tracks(reach, shift, start, iterations, threads, seed):
     points = np.array([(20, 12), (9, 7), (0, 0), (39, 23), (31, 15)], np.int32)
     motion = np.tile(start, (len(points), 1))
     correlation = np.empty(len(points))
-    _core.track(left, right, points, *reach, iterations, motion, correlation, threads)
+    _core.track(left, right, points, *reach, iterations, motion, correlation, threads, "")
     for point, moved, rho in zip(points, motion, correlation, strict=True):
         expected, value = reference.track(left, right, point, reach, iterations, start)
         assert np.isnan(rho) == np.isnan(value)
@@ -120,7 +120,7 @@ def test_a_track_arrives():
     y, x = np.mgrid[:40, :60].astype(np.float64)
     left, right = (np.rint(texture(x - dx, y - dy, 5)).astype(np.uint8) for dx, dy in ((0, 0), (-2.3, 0.6)))
     motion, correlation = np.array([[-1.5, 0.0]]), np.empty(1)
-    _core.track(left, right, np.array([[30, 20]], np.int32), 6, 4, 10, motion, correlation, 1)
+    _core.track(left, right, np.array([[30, 20]], np.int32), 6, 4, 10, motion, correlation, 1, "")
     np.testing.assert_allclose(motion, [[-2.3, 0.6]], atol=0.03)
     assert correlation[0] > 0.99
 

@@ -19,6 +19,7 @@
 #include "../pixelwise.hpp"
 #include "../planar.hpp"
 #include "../planes.hpp"
+#include "../rows.hpp"
 #include "../sgm.hpp"
 #include "../stages.hpp"
 
@@ -783,6 +784,12 @@ void test_label() {
   }
 }
 
+// One of the builds that this machine can run.
+const RowKernels& any_rows(Random& random) {
+  const auto kernels = available_kernels();
+  return choose_rows(kernels[random.below(static_cast<int>(kernels.size()))]->name);
+}
+
 void test_median() {
   Random random{10};
   for (int round = 0; round < 60; ++round) {
@@ -790,7 +797,7 @@ void test_median() {
     std::vector<float> map, filtered(static_cast<size_t>(H) * W);
     for (int k = 0; k < H * W; ++k)
       map.push_back(random.below(4) ? static_cast<float>(random.between(-20, 20)) / 3.0f : std::numeric_limits<float>::quiet_NaN());
-    median(map.data(), H, W, size, filtered.data(), {random.between(1, 9), [] { return false; }});
+    median(map.data(), H, W, size, filtered.data(), any_rows(random), {random.between(1, 9), [] { return false; }});
     bool right = true;
     for (int y = 0; y < H; ++y)
       for (int x = 0; x < W; ++x) {
@@ -1004,7 +1011,7 @@ void test_corners_and_tracks() {
     for (uint8_t& pixel : image) pixel = static_cast<uint8_t>(random.below(256));
     const Workers workers{random.between(1, 4), [] { return false; }};
     std::vector<int32_t> found(static_cast<size_t>(H / tile) * (W / tile) * 2);
-    corners(image.data(), H, W, tile, random.between(1, 6), reach, 0, found.data(), workers);
+    corners(image.data(), H, W, tile, random.between(1, 6), reach, 0, found.data(), any_rows(random), workers);
     std::vector<int32_t> points{0, 0, W - 1, H - 1};
     for (size_t k = 0; k < found.size(); k += 2)
       if (found[k] >= 0) {
@@ -1015,14 +1022,14 @@ void test_corners_and_tracks() {
       }
     const int count = static_cast<int>(points.size() / 2);
     std::vector<double> motion(points.size(), 0), correlation(count, 7);
-    track(image.data(), image.data(), H, W, points.data(), count, reach, 4, motion.data(), correlation.data(), workers);
+    track(image.data(), image.data(), H, W, points.data(), count, reach, 4, motion.data(), correlation.data(), any_rows(random), workers);
     CHECK(std::isnan(correlation[0]) && std::isnan(correlation[1]), "windows that leave the image");
     for (int k = 2; k < count; ++k) {
       CHECK(std::fabs(motion[2 * k]) < 1e-3 && std::fabs(motion[2 * k + 1]) < 1e-3, "a point of the same image");
       CHECK(correlation[k] > 0.999, std::to_string(correlation[k]));
     }
     for (double& one : motion) one = random.between(-40, 40) * 0.37;
-    track(image.data(), image.data(), H, W, points.data(), count, reach, 4, motion.data(), correlation.data(), workers);
+    track(image.data(), image.data(), H, W, points.data(), count, reach, 4, motion.data(), correlation.data(), any_rows(random), workers);
   }
 }
 

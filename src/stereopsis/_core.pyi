@@ -281,7 +281,16 @@ def move_rows(
     image: _I32, offset: tuple[float, ...], lowest: int, highest: int, moved: _I32, threads: int, /
 ) -> None: ...
 def corners(
-    image: _U8, tile: int, stride: int, reach_x: int, reach_y: int, least: float, found: _I32, threads: int, /
+    image: _U8,
+    tile: int,
+    stride: int,
+    reach_x: int,
+    reach_y: int,
+    least: float,
+    found: _I32,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
 def track(
     left: _U8,
@@ -293,6 +302,7 @@ def track(
     motion: npt.NDArray[np.float64],
     correlation: npt.NDArray[np.float64],
     threads: int,
+    instructions: str,
     /,
 ) -> None: ...
 def merge_pass(
@@ -362,7 +372,7 @@ def texture(image: _I32, window_width: int, window_height: int, mean: _F32, thre
 def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None: ...
 def flood(relief: _U8, out: _U8, /) -> None: ...
 def label(inside: _U8, out: _I32, /) -> int: ...
-def median(disparity: _F32, size: int, out: _F32, threads: int, /) -> None: ...
+def median(disparity: _F32, size: int, out: _F32, threads: int, instructions: str, /) -> None: ...
 def planar(
     disparity: _F32,
     window_width: int,

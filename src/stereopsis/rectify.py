@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.types import DisparityMap, Frame, Halo, Vertical
 
 Bytes = npt.NDArray[np.uint8]
@@ -169,7 +169,17 @@ def follow(
     """
     for level in range(len(left) - 1, -1, -1):
         seen = np.ascontiguousarray(_inside(points >> level, left[level].shape))
-        _core.track(left[level], right[level], seen, *REACH, ITERATIONS, motion, correlation, threads)
+        _core.track(
+            left[level],
+            right[level],
+            seen,
+            *REACH,
+            ITERATIONS,
+            motion,
+            correlation,
+            threads,
+            _instructions.forced(),
+        )
         if level:
             motion *= 2
 
@@ -197,7 +207,7 @@ def corners(image: Bytes, tile: int, threads: int = 0) -> npt.NDArray[np.int32]:
     stride = max(STRIDE, tile // 3)
     found = np.empty((image.shape[0] // tile, image.shape[1] // tile, 2), np.int32)
     pixels = (2 * REACH[0] + 1) * (2 * REACH[1] + 1)
-    _core.corners(image, tile, stride, *REACH, LEAST_CORNER * pixels, found, threads)
+    _core.corners(image, tile, stride, *REACH, LEAST_CORNER * pixels, found, threads, _instructions.forced())
     flat = found.reshape(-1, 2)
     return flat[flat[:, 0] >= 0]
 

@@ -341,7 +341,7 @@ def median(disparity: DisparityMap, size: int, threads: int = 0) -> DisparityMap
     Invalid pixels stay invalid. At borders the window is what lies inside the map.
     """
     filtered = np.empty(disparity.shape, np.float32)
-    _core.median(np.ascontiguousarray(disparity), size, filtered, threads)
+    _core.median(np.ascontiguousarray(disparity), size, filtered, threads, _instructions.forced())
     return filtered
 
 

@@ -419,9 +419,7 @@ def fill_surfaces(
     threads: int,
     /,
 ) -> None: ...
-def outlines(
-    disparity: _F32, doubtful: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /
-) -> None: ...
+def outlines(disparity: _F32, doubtful: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /) -> None: ...
 def align(
     left: _I32,
     right: _I32,

@@ -238,7 +238,13 @@ def _level(chosen: Settings) -> Settings:
     if subpixel not in (None, "parabola", "equiangular"):
         subpixel = "parabola" if subpixel.startswith("lucas-kanade") else None
     level = chosen.changed(
-        slant=None, extra_windows=(), subpixel=subpixel, confidence=None, least_confidence=None, outlines=False, **off
+        slant=None,
+        extra_windows=(),
+        subpixel=subpixel,
+        confidence=None,
+        least_confidence=None,
+        outlines=False,
+        **off,
     )
     if isinstance(chosen.optimize, sgm.SGM):
         return level

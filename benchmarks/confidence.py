@@ -12,23 +12,25 @@ camera sees do not count where they are known.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import numpy.typing as npt
 
 import stereopsis as st
-from stereopsis import confidence, datasets, fill
+from stereopsis import confidence, datasets
 from stereopsis.reliability import reliability
 from stereopsis.settings import Settings
 from stereopsis.sparsification import sparsification
-from stereopsis.types import Flag
 
 Floats = npt.NDArray[np.float64]
 RIGHT = 3.0
 """An answer is right where it is at most so many pixels off."""
+RANKED = (1.0, 2.0, 3.0)
+"""Errors that the score is to rank."""
 SAMPLE = 4000
 """Pixels of a pair that the fit looks at, at most."""
 MEASURES = ("bad-1", "bad-2", "bad-3", "epe")
@@ -55,19 +57,38 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def maps(sample: datasets.Sample, settings: Settings) -> tuple[Any, Any, Any, Any, Any]:
-    """A pair's surface, what of it was matched, its sharpness, its errors and where these are known."""
+class Maps(NamedTuple):
+    """What the model is given of a pair, its answer, and how far off the map is where that is known."""
+
+    given: tuple[Any, ...]
+    probability: npt.NDArray[np.float32]
+    errors: npt.NDArray[np.float32]
+    known: npt.NDArray[np.bool_]
+
+    @property
+    def answered(self) -> npt.NDArray[np.bool_]:
+        """Where it was matched, not filled."""
+        return np.asarray(self.given[1])
+
+    @property
+    def sharpness(self) -> npt.NDArray[np.float32]:
+        """The confidence without the model."""
+        return np.asarray(self.given[2])
+
+
+def maps(sample: datasets.Sample, settings: Settings) -> Maps:
+    """Match a pair, and listen to what the pipeline asks the model."""
     pair = sample.pair()
     ndisp = pair.calibration.ndisp if pair.calibration else None
-    result = st.match(pair, settings=settings.changed(confidence=None, disparities=(0, ndisp or 128)))
-    surface = result.disparity
-    if np.isnan(surface).any():
-        surface = np.nan_to_num(fill.background(surface))
-    answered = np.isfinite(result.disparity) & (result.flags & Flag.FILLED == 0)
+    disparities = 0, ndisp or 128
+    chosen = settings.changed(confidence="calibrated", least_confidence=None, disparities=disparities)
+    with mock.patch.object(confidence, "probability", wraps=confidence.probability) as asked:
+        st.match(pair, settings=chosen)
+    given = asked.call_args.args[:5]
     truth, mask = sample.truth(), sample.mask()
     assert truth is not None
     known = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
-    return surface, answered, result.confidence, np.abs(surface - truth), known
+    return Maps(given, confidence.probability(*given), np.abs(given[0] - truth), known)
 
 
 def fit(found: Sequence[datasets.Dataset], settings: Settings) -> Iterator[Floats]:
@@ -76,57 +97,79 @@ def fit(found: Sequence[datasets.Dataset], settings: Settings) -> Iterator[Float
     rows: dict[bool, list[tuple[Floats, Floats, Floats]]] = {True: [], False: []}
     for dataset in found:
         for sample in dataset[::2]:
-            surface, answered, sharpness, errors, known = maps(sample, settings)
-            seen = confidence.features(surface, answered, sharpness)
+            seen = maps(sample, settings)
+            table = confidence.features(*seen.given)
             for which, chosen in rows.items():
-                at = np.flatnonzero(known & (answered == which))
-                share = at.size / max(1, np.count_nonzero(known)) / len(dataset[::2])
+                at = np.flatnonzero(seen.known & (seen.answered == which))
+                share = at.size / max(1, np.count_nonzero(seen.known)) / len(dataset[::2])
                 at = rng.permutation(at)[:SAMPLE]
                 if at.size:
-                    right = (errors.ravel()[at] <= RIGHT).astype(np.float64)
                     counts = np.full(at.size, share / at.size)
-                    chosen.append((seen.reshape(-1, seen.shape[2])[at], right, counts))
+                    chosen.append((table.reshape(-1, table.shape[2])[at], seen.errors.ravel()[at], counts))
     for which in (True, False):
-        yield logistic(*(np.concatenate(part) for part in zip(*rows[which], strict=True)))
+        yield ordinal(*(np.concatenate(part) for part in zip(*rows[which], strict=True)))
 
 
-def logistic(seen: Floats, right: Floats, counts: Floats, ridge: float = 1e-3) -> Floats:
+def ordinal(seen: Floats, errors: Floats, counts: Floats) -> Floats:
+    """One score for errors of all `RANKED` sizes, scaled to what makes answers `RIGHT`.
+
+    McCullagh's proportional odds, fitted as so many logistic regressions that share all weights but the last.
+    """
+    bounds = len(RANKED)
+    last = np.repeat(np.eye(bounds), len(seen), axis=0)
+    within = np.concatenate([errors <= bound for bound in RANKED])
+    shared = logistic(
+        np.hstack([np.tile(seen[:, :-1], (bounds, 1)), last]), within, np.tile(counts, bounds)
+    )[:-bounds]
+    score = seen[:, :-1] @ shared
+    scale, offset = logistic(np.stack([score, np.ones(len(seen))], axis=1), errors <= RIGHT, counts)
+    return np.append(scale * shared, offset)
+
+
+def logistic(seen: Floats, right: npt.NDArray[np.bool_], counts: Floats) -> Floats:
     """Weighted logistic regression by Newton's method."""
     counts = counts * (right.size / counts.sum())
     weights = np.zeros(seen.shape[1])
     for _ in range(30):
         p = 1 / (1 + np.exp(-seen @ weights))
-        slope = seen.T @ (counts * (right - p)) - ridge * right.size * weights * 1e-3
+        slope = seen.T @ (counts * (right - p)) - 1e-6 * right.size * weights
         bend = (seen * (counts * p * (1 - p))[:, None]).T @ seen + 1e-6 * right.size * np.eye(weights.size)
         weights += np.linalg.solve(bend, slope)
     return weights
 
 
+ORACLES: dict[str, Callable[[Floats], Floats]] = {
+    "knows which are over 1 px": lambda errors: -(errors > 1).astype(np.float64),
+    "knows which are over 3 px": lambda errors: -(errors > RIGHT).astype(np.float64),
+    "knows nothing": np.zeros_like,
+}
+"""What a confidence could be that knows so much of the truth, and no more."""
+
+
 def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
-    print("| benchmark | pixels | " + " | ".join(f"{m}: before" for m in MEASURES), end=" | ")
-    print(" | ".join(f"{m}: calibrated" for m in MEASURES) + " |")
-    print("| --- " * (2 + 2 * len(MEASURES)) + "|")
-    trust, correct = [], []
+    print("| benchmark | pixels | confidence | " + " | ".join(MEASURES) + " |")
+    print("| --- | --- | --- " + "| ---: " * len(MEASURES) + "|")
+    answers: dict[str, list[tuple[Any, Any]]] = {}
     for dataset in found:
-        areas: dict[str, list[list[float]]] = {"matched": [], "all": []}
+        areas: dict[tuple[str, str], list[Floats]] = {}
         for sample in dataset[1::2]:
-            surface, answered, sharpness, errors, known = maps(sample, settings)
-            p = confidence.probability(surface, answered, sharpness)
-            trust.append(p[known])
-            correct.append(errors[known] <= RIGHT)
-            for name, mask in (("matched", known & answered), ("all", known)):
-                row = []
-                for scored in (np.where(answered, sharpness, 0), p):
-                    for measure in MEASURES:
-                        curve = sparsification(errors, scored, np.zeros_like(errors), measure, mask)
-                        row += [curve.auc, curve.ideal_auc]
-                areas[name].append(row)
-        for name, rows in areas.items():
-            auc = np.mean(rows, axis=0)
-            ratios = " | ".join(f"{ratio:.2f}" for ratio in auc[::2] / auc[1::2])
-            print(f"| {dataset.name} | {name} | {ratios} |")
+            seen = maps(sample, settings)
+            for name, mask in (("matched", seen.known & seen.answered), ("all", seen.known)):
+                errors = seen.errors[mask].astype(np.float64)[None]
+                trusts = {"sharpness": np.where(seen.answered, seen.sharpness, 0)[mask][None]}
+                trusts["calibrated"] = seen.probability[mask][None]
+                trusts |= {how: knows(errors) for how, knows in ORACLES.items()}
+                for how, trust in trusts.items():
+                    areas.setdefault((name, how), []).append(area(errors, trust))
+            right = seen.errors[seen.known] <= RIGHT
+            answers.setdefault(dataset.name, []).append((seen.probability[seen.known], right))
+        for (name, how), rows in areas.items():
+            auc, ideal = np.mean(rows, axis=0).T
+            ratios = " | ".join(f"{ratio:.2f}" for ratio in auc / ideal)
+            print(f"| {dataset.name} | {name} | {how} | {ratios} |")
     print()
-    table = reliability(np.concatenate(trust), np.concatenate(correct))
+    everything = [pair for pairs in answers.values() for pair in pairs]
+    table = reliability(*(np.concatenate(part) for part in zip(*everything, strict=True)))
     print("| confidence | share of pixels | mean confidence | right |")
     print("| --- | ---: | ---: | ---: |")
     for low, high, share, mean, right in zip(
@@ -134,6 +177,14 @@ def check(found: Sequence[datasets.Dataset], settings: Settings) -> None:
     ):
         print(f"| {low:.1f} to {high:.1f} | {share:.1%} | {mean:.3f} | {right:.3f} |")
     print(f"\nexpected calibration error {table.error:.3f}")
+    for name, pairs in answers.items():
+        print(f"{name}: {reliability(*(np.concatenate(part) for part in zip(*pairs, strict=True))).error:.3f}")
+
+
+def area(errors: Floats, trust: Floats) -> Floats:
+    """Under the curve and under the ideal one, for each of `MEASURES`."""
+    curves = [sparsification(errors, trust, np.zeros_like(errors), measure) for measure in MEASURES]
+    return np.array([(curve.auc, curve.ideal_auc) for curve in curves])
 
 
 if __name__ == "__main__":

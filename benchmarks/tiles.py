@@ -3,21 +3,25 @@
 python benchmarks/tiles.py disagreement FOLDER... [--preset balanced] [--side 256] [--overlaps 64,96]
 python benchmarks/tiles.py memory [--side 6000] [--budgets 256MiB,512MiB,1GiB]
 python benchmarks/tiles.py large OUT [--side 30000] [--memory 4GiB]
+python benchmarks/tiles.py spread [--side 6000] [--memory 512MiB] [--workers 1,2]
 
 `disagreement`: pairs of data sets are matched whole and in tiles; of the pixels that both answer, how many
 differ by more than 1 pixel, and how many only one of them answers; as a mean over pairs, and the worst.
 `memory`: an image is matched in a process of its own for each budget, which tells its peak. `large`: TIFFs
 are written strip by strip from a texture, matched by `stereopsis match --memory`, and the answers counted.
+`spread`: the same through `stereopsis batch --memory`, with the tiles spread over workers.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,6 +73,12 @@ def main() -> None:
     part.add_argument("--preset", default="fast")
     part.add_argument("--keep", action="store_true", help="leave the images and the result")
     part.set_defaults(run=large)
+    part = parts.add_parser("spread")
+    part.add_argument("--side", type=int, default=6000)
+    part.add_argument("--memory", default="512MiB")
+    part.add_argument("--preset", default="fast")
+    part.add_argument("--workers", default="1,2")
+    part.set_defaults(run=spread)
     options = parser.parse_args()
     options.run(options)
 
@@ -168,6 +178,41 @@ def large(options: argparse.Namespace) -> None:
     if not options.keep:
         for name in ("left.tif", "right.tif", "out.tif"):
             (options.folder / name).unlink()
+
+
+def spread(options: argparse.Namespace) -> None:
+    import psutil
+
+    print("| workers | pixels | allowed to each | largest worker | s | within 1 px | same bytes |")
+    print("| ---: | ---: | ---: | ---: | ---: | ---: | --- |")
+    with tempfile.TemporaryDirectory() as name:
+        folder, first = Path(name), b""
+        write_pair(folder, options.side)
+        (folder / "pairs.csv").write_text("name,left,right\nlarge,left.tif,right.tif\n")
+        for workers in options.workers.split(","):
+            out = folder / f"out{workers}"
+            command = [sys.executable, "-m", "stereopsis", "batch", folder / "pairs.csv", "-o", out, "--json"]
+            command += ["--format", "tif", "--memory", options.memory, "--workers", workers]
+            command += ["--preset", options.preset, "--disparities", "0:32"]
+            client = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, text=True)
+            process, peak = psutil.Process(client.pid), 0
+            while client.poll() is None:
+                for child in process.children():
+                    with suppress(psutil.Error):
+                        peak = max(peak, child.memory_info().rss)
+                time.sleep(0.02)
+            found = json.loads(client.communicate()[0])
+            if found["failures"]:
+                raise SystemExit(found["failures"][0]["reason"])
+            map_ = out / "disparity" / "large.tif"
+            right, _ = truth_of(map_, options.side)
+            digest = hashlib.sha256(map_.read_bytes()).digest()
+            first = first or digest
+            print(
+                f"| {workers} | {options.side}² | {options.memory} | {peak / 2**20:.0f} MiB | "
+                f"{found['seconds']:.1f} | {right:.3%} | {'yes' if digest == first else 'NO'} |",
+                flush=True,
+            )
 
 
 def amount(text: str) -> int:

@@ -2,7 +2,7 @@
 
     python benchmarks/view_page.py [--steps 20] [--points 1000000]
 
-In Chromium without a graphics card: pictures are drawn by the processor, WebGL by SwiftShader. The time of
+In Chromium without a graphics card: the page is drawn by the processor, WebGL by SwiftShader. The time of
 a step is counted by the page itself, from the event of the key that moves the slider to the frame after the
 new map was drawn.
 """
@@ -12,24 +12,15 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import re
-import shutil
 import statistics
-import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from pathlib import Path
 
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-FLAGS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-)
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from view_browser import chromium, served
 
 # A wavy wall of so many points, as the 3-D tab would be handed it.
 FRAMES = """async ([points, shape]) => {
@@ -60,9 +51,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20, help="steps of the slider")
     parser.add_argument("--points", type=int, default=1_000_000, help="points of the 3-D view")
     given = parser.parse_args()
-    program = os.environ.get("STEREOPSIS_BROWSER") or next(filter(None, map(shutil.which, BROWSERS)))
-    with served() as address, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
+    with served() as address, chromium() as browser:
         load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
         print(
             f"{platform.machine()}, {os.cpu_count()} cores, load before {load:.1f}, "
@@ -73,28 +62,13 @@ def main() -> None:
             f"slider to screen, 880 x 400, fast: median {statistics.median(times):.0f} ms, "
             f"{min(times):.0f} to {max(times):.0f}, {len(times)} steps"
         )
+        print(f"WebGL: {drawn_by(browser)}")
         for shape in ("points", "surface"):
             frames, count, moving, part = rate(browser, address, given.points, shape)
             print(
                 f"{shape}, {count} points, 1280 x 720: {frames:.1f} frames a second; "
                 f"while it is turned {moving:.0f}, with {part:.0%} of the points"
             )
-        browser.close()
-
-
-@contextmanager
-def served() -> Iterator[str]:
-    """The address of ``stereopsis view``."""
-    command = [sys.executable, "-m", "stereopsis", "view", "--no-browser"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        try:
-            said = ""
-            while not (found := re.search(r"http://\S+?/(?=[;\s])", said)):
-                said += process.stderr.readline()
-            yield found[0]
-        finally:
-            process.terminate()
 
 
 def latencies(browser: Browser, address: str, steps: int) -> list[float]:
@@ -118,6 +92,19 @@ def rate(browser: Browser, address: str, points: int, shape: str) -> tuple[float
     frames, count, moving, part = page.evaluate(FRAMES, [points, shape])
     page.close()
     return frames, count, moving, part
+
+
+def drawn_by(browser: Browser) -> str:
+    """What draws the 3-D view."""
+    page = browser.new_page()
+    told: str = page.evaluate(
+        """() => {
+          const gl = document.createElement("canvas").getContext("webgl2");
+          return gl.getParameter(gl.getExtension("WEBGL_debug_renderer_info").UNMASKED_RENDERER_WEBGL);
+        }"""
+    )
+    page.close()
+    return told
 
 
 def opened(browser: Browser, address: str) -> Page:

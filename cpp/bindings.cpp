@@ -844,18 +844,20 @@ NB_MODULE(_core, m) {
   });
 
   m.def("probability", [](const Array<const float, 2>& surface, const Array<const uint8_t, 2>& answered,
-                          const Array<const float, 2>& sharpness, const Array<const float, 2>& weights,
+                          const Array<const float, 2>& sharpness, const Array<const float, 2>& winners,
+                          const Array<const float, 2>& texture, const Array<const float, 2>& weights,
                           const Array<const float, 1>& logistic, const Array<float, 2>& out, int threads) {
     const int H = surface.shape(0), W = surface.shape(1);
     require_shape(answered, H, W);
     require_shape(sharpness, H, W);
+    require_shape(winners, H, W);
+    require_shape(texture, H, W);
     require_shape(weights, 2, LogisticModel::kFeatures);
     require_shape(logistic, 257);
     require_shape(out, H, W);
+    const AnsweredMap map{surface.data(), answered.data(), sharpness.data(), winners.data(), texture.data(), H, W};
     const LogisticModel model{weights.data(), weights.data() + LogisticModel::kFeatures, logistic.data()};
-    run(threads, [&](const Workers& workers) {
-      probability(surface.data(), answered.data(), sharpness.data(), H, W, model, out.data(), workers);
-    });
+    run(threads, [&](const Workers& workers) { probability(map, model, out.data(), workers); });
   });
 
   bind_background<float>(m);
@@ -878,6 +880,18 @@ NB_MODULE(_core, m) {
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {
       fill_surfaces(disparity.data(), occluded.data(), surfaces, H, W, least, most, out.data(), workers);
+    });
+  });
+
+  m.def("outlines", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
+                       const Array<const uint8_t, 2>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
+                       int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    for (const auto& bytes : {doubtful, image}) require_shape(bytes, H, W);
+    require_shape(alike, 256);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) {
+      outlines(disparity.data(), doubtful.data(), image.data(), alike.data(), H, W, out.data(), workers);
     });
   });
 

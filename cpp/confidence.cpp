@@ -10,19 +10,24 @@ namespace stereopsis {
 namespace {
 
 // Sums over a side x side window that slides down `map`, edge pixels repeated: one row of them at a time.
+template <class T>
 struct SlidingBox {
-  SlidingBox(const int32_t* map, int height, int width, int side, int y)
-      : map(map), height(height), width(width), reach(side / 2), next(y - side / 2), column(width), sums(width) {
+  SlidingBox(const std::vector<T>& map, int height, int width, int side, int y)
+      : map(map.data()), height(height), width(width), reach(side / 2), next(y - side / 2), column(width + side), sums(width) {
     for (; next < y + reach; ++next) add(next, 1);
   }
   // The row after the one before; the first: y.
-  const int32_t* row() {
+  const T* row() {
     add(next, 1);
-    int32_t sum = 0;
-    for (int x = -reach; x <= reach; ++x) sum += column[clamped(x, width)];
+    T *first = column.data() + reach, *last = first + width - 1;
+    std::fill(column.data(), first, *first);
+    std::fill(last + 1, column.data() + column.size(), *last);
+    const int side = 2 * reach + 1;
+    T sum = 0;
+    for (int u = 0; u < side; ++u) sum += column[u];
     for (int x = 0; x < width; ++x) {
       sums[x] = sum;
-      sum += column[clamped(x + reach + 1, width)] - column[clamped(x - reach, width)];
+      sum += column[x + side] - column[x];
     }
     add(next - 2 * reach, -1);
     ++next;
@@ -30,63 +35,89 @@ struct SlidingBox {
   }
 
  private:
-  static int clamped(int v, int size) { return std::min(std::max(v, 0), size - 1); }
-  void add(int y, int32_t sign) {
-    const int32_t* row = map + static_cast<size_t>(clamped(y, height)) * width;
-    for (int x = 0; x < width; ++x) column[x] += sign * row[x];
+  void add(int y, T sign) {
+    const T* row = map + static_cast<size_t>(std::min(std::max(y, 0), height - 1)) * width;
+    T* inner = column.data() + reach;
+    for (int x = 0; x < width; ++x) inner[x] += sign * row[x];
   }
-  const int32_t* map;
+  const T* map;
   int height, width, reach, next;
-  std::vector<int32_t> column, sums;
+  std::vector<T> column, sums;
 };
+
+// Disparities and their differences count in sixteenths of a pixel, sharpness in 2^-16: fine enough, and whole numbers sum to
+// the same bits in any order.
+constexpr float kLevels = 16, kSharpness = 65536;
+constexpr float kJump = 1.5f, kFarOff = 3;
+
+// To the nearest, of two to the even one: so large a number has no fraction. Up to 2^21 either way.
+inline int32_t whole(float value) { return static_cast<int32_t>(value + 12582912.0f) - 12582912; }
 
 }  // namespace
 
-void probability(const float* surface, const uint8_t* answered, const float* sharpness, int height, int width,
-                 const LogisticModel& model, float* confidence, const Workers& workers) {
+void probability(const AnsweredMap& map, const LogisticModel& model, float* confidence, const Workers& workers) {
+  const int height = map.height, width = map.width;
   const size_t size = static_cast<size_t>(height) * width;
-  std::vector<int32_t> valid(size), jump(size), level(size);
+  std::vector<int32_t> valid(size), jump(size), off(size), sharp(size), level(size);
+  std::vector<double> square(size);  // their sums are exact as well
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = 0; x < width; ++x) {
         const size_t at = static_cast<size_t>(y) * width + x;
-        const auto apart = [&](size_t other) { return !(std::fabs(surface[other] - surface[at]) <= 1.5f); };
-        valid[at] = answered[at] != 0;
-        jump[at] = (x > 0 && apart(at - 1)) || (x + 1 < width && apart(at + 1)) || (y > 0 && apart(at - width)) ||
-                   (y + 1 < height && apart(at + width));
-        // A sixteenth of a pixel is fine enough, and whole numbers sum to the same bits in any order.
-        level[at] = static_cast<int32_t>(std::lrintf(16 * std::min(std::max(surface[at], -8192.0f), 8192.0f)));
+        const float here = map.surface[at];
+        const auto apart = [&](size_t other) { return std::fabs(map.surface[other] - here); };
+        const float left = x > 0 ? apart(at - 1) : 0, right = x + 1 < width ? apart(at + 1) : 0;
+        const float up = y > 0 ? apart(at - width) : 0, down = y + 1 < height ? apart(at + width) : 0;
+        const float moved = std::fabs(map.winners[at] - here);
+        valid[at] = map.answered[at] != 0;
+        jump[at] = std::max(std::max(left, right), std::max(up, down)) > kJump;
+        off[at] = whole(kLevels * (valid[at] && moved < kFarOff ? moved : kFarOff));
+        sharp[at] = whole(kSharpness * map.sharpness[at]);
+        level[at] = whole(kLevels * std::min(std::max(here, -8192.0f), 8192.0f));
+        square[at] = static_cast<double>(level[at]) * level[at];
       }
   });
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    const auto box = [&](const std::vector<int32_t>& map, int side) { return SlidingBox(map.data(), height, width, side, begin); };
-    SlidingBox valid_near = box(valid, 21), valid_wide = box(valid, 41), jump_near = box(jump, 5), jump_wide = box(jump, 15),
-               jump_widest = box(jump, 31), level_near = box(level, 5), level_wide = box(level, 15);
+    const auto box = [&](const auto& values, int side) { return SlidingBox(values, height, width, side, begin); };
+    auto valid_box = box(valid, 21), jump_box = box(jump, 31), off_box = box(off, 5), sharp_box = box(sharp, 15);
+    auto level_near = box(level, 5), level_wide = box(level, 15), level_widest = box(level, 31);
+    auto square_box = box(square, 31);
+    std::vector<float> scores(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
-      const int32_t *v0 = valid_near.row(), *v1 = valid_wide.row(), *j0 = jump_near.row(), *j1 = jump_wide.row(),
-                    *j2 = jump_widest.row(), *l0 = level_near.row(), *l1 = level_wide.row();
+      const int32_t *valids = valid_box.row(), *jumps = jump_box.row(), *offs = off_box.row(), *sharps = sharp_box.row();
+      const int32_t *near = level_near.row(), *wide = level_wide.row(), *widest = level_widest.row();
+      const double* squares = square_box.row();
+      const size_t start = static_cast<size_t>(y) * width;
+      const float *sharpness = map.sharpness + start, *texture = map.texture + start;
+      const int32_t *own = level.data() + start, *on = valid.data() + start;
       for (int x = 0; x < width; ++x) {
-        const size_t at = static_cast<size_t>(y) * width + x;
-        const float near = std::fabs(level[at] - l0[x] / 25.0f) / 16, wide = std::fabs(level[at] - l1[x] / 225.0f) / 16;
-        const float close = std::fabs(level[at] / 16.0f);
-        const float features[LogisticModel::kFeatures] = {sharpness[at],
-                                                          sharpness[at] / (sharpness[at] + 0.05f),
-                                                          v0[x] / 441.0f,
-                                                          v1[x] / 1681.0f,
-                                                          j0[x] / 25.0f,
-                                                          j1[x] / 225.0f,
-                                                          j2[x] / 961.0f,
-                                                          near / (near + 1),
-                                                          wide / (wide + 1),
-                                                          close / (close + 16),
+        const double sum = widest[x], variance = std::max(961 * squares[x] - sum * sum, 0.0);
+        const float spread = static_cast<float>(std::sqrt(variance)) / (961 * kLevels);
+        const float off_near = std::fabs(own[x] - near[x] / 25.0f) / kLevels;
+        const float off_wide = std::fabs(own[x] - wide[x] / 225.0f) / kLevels;
+        const float drawn = offs[x] / (25 * kLevels);
+        const float features[LogisticModel::kFeatures] = {sharpness[x],
+                                                          sharps[x] / (225 * kSharpness),
+                                                          valids[x] / 441.0f,
+                                                          drawn / (drawn + 0.5f),
+                                                          jumps[x] / 961.0f,
+                                                          off_near / (off_near + 1),
+                                                          off_wide / (off_wide + 1),
+                                                          spread / (spread + 2),
+                                                          texture[x] / (texture[x] + 8),
                                                           1};
-        const float* weights = valid[at] ? model.answered : model.filled;
-        float score = 0;
-        for (int k = 0; k < LogisticModel::kFeatures; ++k) score += weights[k] * features[k];
+        float answered = 0, filled = 0;
+        for (int k = 0; k < LogisticModel::kFeatures; ++k) {
+          answered += model.answered[k] * features[k];
+          filled += model.filled[k] * features[k];
+        }
+        scores[x] = on[x] ? answered : filled;
+      }
+      for (int x = 0; x < width; ++x) {
         // The logistic function, straight between the table's entries.
-        const float place = std::min(std::max((score + 8) * 16, 0.0f), 255.99f);
+        const float place = std::min(std::max((scores[x] + 8) * 16, 0.0f), 255.99f);
         const int cell = static_cast<int>(place);
-        confidence[at] = model.logistic[cell] + (place - cell) * (model.logistic[cell + 1] - model.logistic[cell]);
+        confidence[start + x] = model.logistic[cell] + (place - cell) * (model.logistic[cell + 1] - model.logistic[cell]);
       }
     }
   });

@@ -211,6 +211,7 @@ class GroupState {
   void note_in(const Notes& notes, bool fresh) {
     if (depth() != 2) return;
     notes_ = notes;
+    noting_ = fresh;
     for (int n = 0; fresh && n < notes.count; ++n) {
       const int turn = n * kStretch - 1;
       const size_t room = job_.room, wide = job_.pair.width + kMargin;
@@ -249,10 +250,10 @@ class GroupState {
     for (int k = 0; k < above; ++k) {
       const Offset& offset = group_.above[k];
       row.from[k] = costs_at(k, turn - offset.dy) + offset.dx * static_cast<ptrdiff_t>(room);
-      row.to[k] = costs_at(k, turn);
+      row.to[k] = noting_ ? costs_at(k, turn) : slot_at(k, turn);
       row.least[k] = least_at(turn - offset.dy) + offset.dx * kPathsAtOnce + k;
     }
-    row.least_to = least_at(turn);
+    row.least_to = noting_ ? least_at(turn) : least_slot_at(turn);
     row.first = static_cast<Lane>(job_.first());
     for (int k = 0; k < above + row.along; ++k) row.second[k] = second_.get() + static_cast<size_t>(k) * W;
     if (job_.settings.guide) {
@@ -284,12 +285,18 @@ class GroupState {
   }
   Lane* costs_at(int k, int turn) const {
     if (char* note = note_of(turn)) return reinterpret_cast<Lane*>(note) + k * costs_row() + kMargin * job_.room;
+    return slot_at(k, turn);
+  }
+  Lane* slot_at(int k, int turn) const {
     const int slots = group_.above[k].dy + 1;
     return costs_[k]->get() + 64 + ((turn + slots) % slots * columns_ + kMargin) * job_.room;
   }
   uint32_t* least_at(int turn) const {
     if (char* note = note_of(turn))
       return reinterpret_cast<uint32_t*>(note + group_.above.size() * costs_row() * sizeof(Lane)) + kMargin * kPathsAtOnce;
+    return least_slot_at(turn);
+  }
+  uint32_t* least_slot_at(int turn) const {
     return least_.get() + ((turn + depth()) % depth() * columns_ + kMargin) * kPathsAtOnce;
   }
   template <class Visit>
@@ -314,6 +321,7 @@ class GroupState {
   const bool down_;
   const size_t columns_;
   Notes notes_;
+  bool noting_ = false;  // or what is noted is looked back at alone
   std::vector<std::unique_ptr<Block<Lane>>> costs_;
   Block<uint32_t> least_;
   Block<Lane> second_, line_, no_candidate_;

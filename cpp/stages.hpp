@@ -241,11 +241,18 @@ void edge_aware(const float* disparity, const SurfaceGuide& guide, int height, i
                 const Workers& workers);
 // How probable it is that each answer is right, from the map around it. The logistic function from -8 to 8 in steps of 1/16.
 struct LogisticModel {
-  static constexpr int kFeatures = 11;
+  static constexpr int kFeatures = 10;
   const float *answered, *filled, *logistic;
 };
-void probability(const float* surface, const uint8_t* answered, const float* sharpness, int height, int width,
-                 const LogisticModel& model, float* confidence, const Workers& workers);
+// A map without holes; where it was matched; how sharp the winners' minima are, where they lay before any filter (NaN: none),
+// and the image's mean gradient.
+struct AnsweredMap {
+  const float* surface;
+  const uint8_t* answered;
+  const float *sharpness, *winners, *texture;
+  int height, width;
+};
+void probability(const AnsweredMap& map, const LogisticModel& model, float* confidence, const Workers& workers);
 
 // ---- refine from the images -------------------------------------------------------------------------------------------
 // A pair of int32 pixels. `start` and `disparity` are (H, W); where `start` is NaN, or nothing better is found, so it stays.
@@ -277,5 +284,9 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
 // Surfaces go on into holes: what surrounds a hole, smoothed along the guide's edges, where it agrees; else the lower side.
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers);
+// What is doubtful beside a jump goes to the nearer surface where more of what looks like it, and is not doubtful, lies on it.
+// `alike`: the weight of a vote by the difference of grey levels, 256 of them.
+void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, const int32_t* alike, int height, int width,
+              float* moved, const Workers& workers);
 
 }  // namespace stereopsis

@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 import io
-import os
-import re
-import shutil
-import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import sync_playwright
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-FLAGS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-)
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from view_browser import chromium, served
+
 PIXEL = "pixel=300,250"
 
 # Name, what the link says, width, height, appearance.
@@ -37,9 +27,7 @@ SHOTS = (
 def main(arguments: Sequence[str]) -> None:
     folder = Path(arguments[0]) if arguments else Path(__file__).parent / "pictures"
     folder.mkdir(parents=True, exist_ok=True)
-    program = os.environ.get("STEREOPSIS_BROWSER") or next(filter(None, map(shutil.which, BROWSERS)))
-    with served() as address, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
+    with served() as address, chromium() as browser:
         for name, hash, width, height, scheme in SHOTS:
             page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
             page.goto(f"{address}#{hash}")
@@ -49,22 +37,6 @@ def main(arguments: Sequence[str]) -> None:
             with Image.open(io.BytesIO(page.screenshot())) as picture:
                 picture.convert("RGB").save(folder / f"{name}.webp", quality=82, method=6)
             page.close()
-        browser.close()
-
-
-@contextmanager
-def served() -> Iterator[str]:
-    """The address of ``stereopsis view``."""
-    command = [sys.executable, "-m", "stereopsis", "view", "--no-browser"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        try:
-            said = ""
-            while not (found := re.search(r"http://\S+?/(?=[;\s])", said)):
-                said += process.stderr.readline()
-            yield found[0]
-        finally:
-            process.terminate()
 
 
 if __name__ == "__main__":

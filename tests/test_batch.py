@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
 import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -196,6 +199,26 @@ def test_what_a_worker_that_died_left_behind_is_removed(tmp_path: Path, client: 
     assert sorted(path.name for path in left.parent.iterdir()) == ["0.png", "1.png", "2.png"]
 
 
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc")
+def test_workers_keep_freed_memory() -> None:
+    """Dask's setting for its workers lets every array fault its pages in anew: here 2048 for each of 20."""
+    code = """
+import resource, numpy as np
+from stereopsis.batch import preload
+preload.keep_memory()
+for _ in range(20):
+    np.ones(2**20)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+for _ in range(20):
+    np.ones(2**20)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+"""
+    dasks = os.environ | {"MALLOC_TRIM_THRESHOLD_": "65536"}
+    told = subprocess.run([sys.executable, "-c", code], env=dasks, capture_output=True, text=True, check=True)
+    before, after = map(int, told.stdout.split())
+    assert after - before < 2048
+
+
 def test_tasks_grow_with_the_workers_and_shrink_at_the_end() -> None:
     pace = cluster._Pace()
     assert pace.pairs(2, None) == 1
@@ -369,14 +392,14 @@ def test_a_pair_done_meanwhile_is_not_done_again(tmp_path: Path, client: Any) ->
     identity = record.Identity.of([], SETTINGS, "png", False)
     asked = work.Job(store.at(out), SETTINGS, "png", False, identity.run, identity.version)
     before = files(out)
-    ((index, answer),), _ = work.pairs(asked, [work.Item(7, Made("a"), "a")])
-    assert (index, answer) == (7, (out / "rows/a.json").read_bytes())
+    (answer,), _ = work.pairs(asked, [work.Item(7, Made("a"), "a")])
+    assert answer == (out / "rows/a.json").read_bytes()
     assert files(out) == before
 
 
 def test_a_worker_of_another_version_does_nothing(tmp_path: Path) -> None:
     asked = work.Job(store.at(tmp_path), SETTINGS, "png", False, "run", "9.9")
-    ((_, answer),), _ = work.pairs(asked, [work.Item(0, Made("a"), "a")])
+    (answer,), _ = work.pairs(asked, [work.Item(0, Made("a"), "a")])
     assert isinstance(answer, batch.Failure)
     assert f"runs stereopsis {st.__version__}, the client 9.9" in answer.reason
 
@@ -477,6 +500,7 @@ def test_plain_names_stay_plain() -> None:
 @pytest.mark.parametrize(
     ("given_", "error", "message"),
     [
+        ({"samples": "kitti2015"}, TypeError, r"stereopsis.datasets.open\('kitti2015'\) gives, not a path"),
         ({"settings": "fast"}, TypeError, "settings must be Settings or None, not str"),
         ({"format": "jpg"}, ValueError, "format must be one of png, pfm"),
         ({"workers": 0}, ValueError, "workers must be a whole number from 1"),
@@ -488,7 +512,7 @@ def test_refuses_what_is_not_allowed(
     given_: dict[str, Any], error: type[Exception], message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(error, match=message):
-        batch.run([], out=tmp_path / "out", **given_)
+        batch.run(**{"samples": [], "out": tmp_path / "out", **given_})
     assert not (tmp_path / "out").exists()
 
 
@@ -496,6 +520,7 @@ def test_workers_and_threads_never_exceed_the_cores() -> None:
     for cores in (1, 2, 7, 64):
         for threads in (1, 2, 5):
             assert batch._workers(None, threads, cores) * threads <= max(cores, threads)
+    assert [batch._workers(None, 2, 8, room) for room in (None, 9, 3, 0)] == [4, 4, 3, 1]
     with pytest.raises(ValueError, match="from 1 to 4 with 2 threads each, not 5"):
         batch._workers(5, 2, 8)
 

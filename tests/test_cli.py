@@ -184,6 +184,7 @@ class TestMatch:
         "edge_aware": ("3", [3.0, 5.0]),
         "confidence": ("calibrated", "calibrated"),
         "least_confidence": ("0.5", 0.5),
+        "outlines": ("on", True),
         "threads": ("2", 2),
         "keep": ("texture", ["texture"]),
         "preset": ("fast", "fast"),

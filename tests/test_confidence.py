@@ -20,13 +20,47 @@ def test_probability_is_its_definition(shape, scale, threads, seed):
     rng = np.random.default_rng(seed)
     surface = (scale * rng.integers(-8, 8, shape) / 3).astype(np.float32)
     answered, sharpness = rng.random(shape) < 0.7, rng.random(shape).astype(np.float32)
+    winners = (surface + rng.normal(0, 2, shape)).astype(np.float32)
+    winners[rng.random(shape) < 0.1] = np.nan
+    texture = (20 * rng.random(shape)).astype(np.float32)
+    given = surface, answered, sharpness, winners, texture
     models = (confidence.ANSWERED, confidence.FILLED)
-    found = confidence.probability(surface, answered, sharpness, threads)
-    np.testing.assert_allclose(found, reference.probability(surface, answered, sharpness, models), atol=5e-4)
+    found = confidence.probability(*given, threads)
+    np.testing.assert_allclose(found, reference.probability(*given, models), atol=5e-4)
     # What the model is fitted on is what it sees.
-    seen = confidence.features(surface, answered, sharpness)
+    seen = confidence.features(*given)
     score = np.where(answered, seen @ np.array(models[0]), seen @ np.array(models[1]))
     np.testing.assert_allclose(found, 1 / (1 + np.exp(-np.clip(score, -8, 8))), atol=5e-4)
+
+
+def test_features_by_hand():
+    surface = np.zeros((40, 40), np.float32)
+    surface[:, 20:] = 4
+    answered, sharpness = np.ones(surface.shape, bool), np.full(surface.shape, 0.25, np.float32)
+    answered[0, 0] = False
+    winners, texture = surface + np.float32(0.5), np.full(surface.shape, 8, np.float32)
+    winners[0, 2] = np.nan
+    seen = dict(
+        zip(
+            confidence.FEATURES,
+            confidence.features(surface, answered, sharpness, winners, texture)[0, 0],
+            strict=True,
+        )
+    )
+    assert seen.pop("sharpness") == seen.pop("sharpness, 15 x 15") == 0.25
+    # Of 21 columns and rows the first ones stand for the ten before them as well.
+    assert seen.pop("answered, 21 x 21") == 1 - 121 / 441
+    # Nine times the pixel that was filled, three times the one without a winner: both count 3 pixels.
+    far = (12 * 3 + 13 * 0.5) / 25
+    assert seen.pop("drawn, 5 x 5") == far / (far + 0.5)
+    assert seen.pop("jumps, 31 x 31") == seen.pop("spread, 31 x 31") == 0
+    assert seen.pop("off the mean, 5 x 5") == seen.pop("off the mean, 15 x 15") == 0
+    assert seen.pop("texture, 9 x 9") == 0.5
+    assert seen == {"one": 1}
+    edge = confidence.features(surface, answered, sharpness, winners, texture)[20, 20]
+    assert edge[4] == 2 / 31  # the two columns beside the jump
+    near, wide, spread = 2 / 5 * 4, 7 / 15 * 4, 4 * np.sqrt(15 * 16) / 31
+    np.testing.assert_allclose(edge[5:8], [near / (near + 1), wide / (wide + 1), spread / (spread + 2)])
 
 
 def test_a_smooth_surface_is_trusted_more_than_a_broken_one():
@@ -34,10 +68,15 @@ def test_a_smooth_surface_is_trusted_more_than_a_broken_one():
     surface = np.full((40, 80), 12, np.float32)
     surface[:, 40:] += rng.integers(-9, 9, (40, 40)).astype(np.float32)
     everywhere, sharpness = np.ones(surface.shape, bool), np.full(surface.shape, 0.3, np.float32)
-    trust = confidence.probability(surface, everywhere, sharpness)
-    assert trust[:, :30].min() > 0.9
-    assert trust[:, 50:].mean() < 0.3
-    assert confidence.probability(surface, ~everywhere, 0 * sharpness)[:, :30].max() < trust[:, :30].min()
+    texture = np.full(surface.shape, 5, np.float32)
+    trust = confidence.probability(surface, everywhere, sharpness, surface, texture)
+    assert trust[:, :20].min() > 0.9
+    assert trust[:, 60:].mean() < 0.3
+    filled = confidence.probability(surface, ~everywhere, 0 * sharpness, surface, texture)
+    assert filled[:, :20].max() < trust[:, :20].min()
+    # An answer that the filters drew far from what was matched is worth less.
+    drawn = confidence.probability(surface, everywhere, sharpness, surface + 2, texture)
+    assert drawn[:, :20].max() < trust[:, :20].min()
 
 
 def test_calibrated_on_a_scene():

@@ -88,9 +88,41 @@ class TestDrivingStereo:
         assert sample.truth() is None
 
     def test_a_left_view_alone(self, drivingstereo):
+        """It is listed, and fails when it is read; where no pair is complete there is no data set."""
         (drivingstereo / "a_1-right.png").unlink()
+        found = datasets.open(drivingstereo)
+        assert [s.name for s in found] == ["a_1", "b_10", "b_2"]
+        with pytest.raises(FileNotFoundError, match=r"a_1-right\.png"):
+            found[0].pair()
+        for file in drivingstereo.glob("*-right.png"):
+            file.unlink()
         with pytest.raises(ValueError, match=r"a_1-left\.png has no right view: .*a_1-right\.png is missing"):
             datasets.open(drivingstereo)
+
+    def test_a_right_view_alone(self, drivingstereo):
+        (drivingstereo / "a_1-left.png").unlink()
+        found = datasets.open(drivingstereo)
+        assert [s.name for s in found] == ["a_1", "b_10", "b_2"]
+        with pytest.raises(FileNotFoundError, match=r"a_1-left\.png"):
+            found[0].pair()
+        for file in drivingstereo.glob("*-left.png"):
+            file.unlink()
+        with pytest.raises(ValueError, match=r"a_1-right\.png has no left view: .*a_1-left\.png is missing"):
+            datasets.open(drivingstereo)
+
+    def test_links_that_lead_nowhere(self, drivingstereo):
+        """They are broken files, not files that are not there."""
+        for name in ("a_1-left.png", "b_2-right.png"):
+            (drivingstereo / name).unlink()
+            try:
+                (drivingstereo / name).symlink_to(name)
+            except OSError:
+                pytest.skip("no links here")
+        first, second, third = datasets.open(drivingstereo)
+        for sample in (first, third):
+            with pytest.raises(OSError, match=sample.name):
+                sample.pair()
+        assert second.pair().name == "b_10"
 
 
 class TestKitti2015:
@@ -129,9 +161,14 @@ class TestKitti2015:
         assert sample.truth() is None
         assert sample.mask() is None
 
-    def test_a_left_view_alone(self, kitti2015):
+    def test_a_view_alone(self, kitti2015):
         (kitti2015 / "training" / "image_3" / "000001_10.png").unlink()
-        with pytest.raises(ValueError, match="has no right view"):
+        found = datasets.open(kitti2015)
+        assert [s.name for s in found] == ["000000_10", "000001_10"]
+        with pytest.raises(FileNotFoundError, match=r"image_3.000001_10\.png"):
+            found[1].pair()
+        (kitti2015 / "training" / "image_2" / "000000_10.png").unlink()
+        with pytest.raises(ValueError, match=r"image_3.000000_10\.png has no left view"):
             datasets.open(kitti2015)
 
 

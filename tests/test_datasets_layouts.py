@@ -161,12 +161,6 @@ class TestDrivingStereo:
             image(tmp_path / f"{word}-half-size" / f"{word}-half-size" / f"{FRAME}.jpg", 1, (8, 8))
         assert names(datasets.open(tmp_path)) == [FRAME]
 
-    def test_a_left_view_alone(self, tmp_path):
-        driving(tmp_path, "train-", SEQUENCE, "")
-        (tmp_path / "train-right-image" / SEQUENCE / f"{FRAME}.jpg").unlink()
-        with pytest.raises(ValueError, match=r"has no right view: .*train-right-image.*702\.jpg is missing"):
-            datasets.open(tmp_path)
-
 
 # --- KITTI ------------------------------------------------------------------------------------------------
 
@@ -663,12 +657,6 @@ class TestInStereo2K:
         assert names(datasets.open(tmp_path / "train" / "part1")) == ["000001"]
         assert names(datasets.open(tmp_path / "test" / "000040")) == ["000040"]
 
-    def test_a_left_view_alone(self, tmp_path):
-        image(tmp_path / "000000/left.png")
-        values(tmp_path / "000000/left_disp.png", [1, 1])
-        with pytest.raises(ValueError, match=r"left\.png has no right view: .*right\.png is missing"):
-            datasets.open(tmp_path)
-
 
 # --- Two folders ------------------------------------------------------------------------------------------
 
@@ -701,18 +689,16 @@ class TestFolders:
         for number in range(7):
             image(tmp_path / "left" / f"{number}.png")
         image(tmp_path / "right" / "0.png")
-        with pytest.raises(ValueError, match=r"6 are in left and not in right: 1, 2, 3, 4, 5, \.\.\."):
-            datasets.open(tmp_path)
-        for number in range(8):
-            image(tmp_path / "right" / f"{number}.png")
-        with pytest.raises(ValueError, match=r"1 is in right and not in left: 7$"):
-            datasets.open(tmp_path)
-
-    def test_a_truth_without_a_pair(self, tmp_path):
-        for folder in ("left", "right"):
-            image(tmp_path / folder / "a.png")
-        floats(tmp_path / "disparity" / "b.pfm", [1])
-        with pytest.raises(ValueError, match=r"1 is a truth without a pair: b$"):
+        image(tmp_path / "right" / "7.pgm")
+        floats(tmp_path / "truth" / "8.pfm", [1])
+        found = datasets.open(tmp_path)
+        assert names(found) == [str(number) for number in range(9)]
+        assert found[0].pair().name == "0"
+        for sample, missing in zip(found[1:], ["right"] * 6 + ["left"] * 2, strict=True):
+            with pytest.raises(FileNotFoundError, match=rf"{missing}.{sample.name}\.(png|pgm|pfm)"):
+                sample.pair()
+        (tmp_path / "right" / "0.png").unlink()
+        with pytest.raises(ValueError, match=r"0\.png has no right view: .*0\.png is missing; no pair of"):
             datasets.open(tmp_path)
 
     def test_two_files_of_a_name(self, tmp_path):
@@ -810,6 +796,60 @@ def test_samples_travel_and_compare(layout, tmp_path, request):
         assert one.calibration() == other.calibration()
 
 
+VIEWS = {
+    "driving": ("train-left-image/{0}/f{1}.jpg", "train-right-image/{0}/f{1}.jpg"),
+    "full size": ("left-image-full-size/f{1}.jpg", "right-image-full-size/f{1}.jpg"),
+    "kitti2012": ("training/colored_0/{1}_10.png", "training/colored_1/{1}_10.png"),
+    "kitti2015": ("testing/image_2/{1}_10.png", "testing/image_3/{1}_10.png"),
+    "middlebury v2": ("s{1}/im2.ppm", "s{1}/im6.ppm"),
+    "middlebury 2006": ("HalfSize/s{1}/view1.png", "HalfSize/s{1}/view5.png"),
+    "middlebury v3": ("trainingH/s{1}/im0.png", "trainingH/s{1}/im1.png"),
+    "middlebury 2021": ("data/s{1}/im0.png", "data/s{1}/im1.png"),
+    "eth3d": ("two_view_training/s_{1}l/im0.png", "two_view_training/s_{1}l/im1.png"),
+    "argoverse": tuple(
+        f"rectified_stereo_images_v1.1/train/log/stereo_front_{side}_rect/stereo_front_{side}_rect_{{1}}.jpg"
+        for side in ("left", "right")
+    ),
+    "scene flow": ("frames_cleanpass/A/left/{1}.png", "frames_cleanpass/A/right/{1}.png"),
+    "virtual kitti": tuple(f"Scene01/rain/frames/rgb/Camera_{camera}/rgb_{{1}}.jpg" for camera in (0, 1)),
+    "sintel": ("training/clean_left/A/{1}.png", "training/clean_right/A/{1}.png"),
+    "falling things": ("mixed/A/{1}.left.jpg", "mixed/A/{1}.right.jpg"),
+    "instereo2k": ("train/{1}/left.png", "train/{1}/right.png"),
+}
+BESIDE = {
+    "middlebury v2": "s{1}/disp2.pgm",
+    "middlebury 2021": "data/s{1}/disp0.pfm",
+    "falling things": "mixed/A/_camera_settings.json",
+    "instereo2k": "train/{1}/left_disp.png",
+}
+"""What a pair is recognised by besides."""
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("layout", VIEWS)
+def test_one_view_is_missing(layout, side, tmp_path):
+    """The pair stays in its place and fails by itself; with no whole pair there is no data set."""
+    of = [[tmp_path / view.format(SEQUENCE, number) for view in VIEWS[layout]] for number in range(3)]
+    for number, pair in enumerate(of):
+        for file in pair:
+            image(file, shape=(8, 8) if layout != "middlebury v2" else (8, 8, 3))
+        if layout in BESIDE:
+            beside = tmp_path / BESIDE[layout].format(SEQUENCE, number)
+            beside.write_text('{"camera_settings": [{"intrinsic_settings": {"fx": 9, "cx": 1, "cy": 1}}]}')
+    whole = datasets.open(tmp_path)
+    of[1][side].unlink()
+    found = datasets.open(tmp_path)
+    assert found == whole
+    assert [found[0].pair().name, found[2].pair().name] == [names(whole)[0], names(whole)[2]]
+    with pytest.raises(FileNotFoundError) as missing:
+        found[1].pair()
+    assert missing.value.filename == str(of[1][side])
+    for pair in of:
+        pair[side].unlink(missing_ok=True)
+    with pytest.raises(ValueError, match=rf"has no {('left', 'right')[side]} view: .* is missing"):
+        datasets.open(tmp_path)
+
+
 class TestFolder:
     def test_loops_end(self, tmp_path):
         views(tmp_path / "set" / "train" / "000001", ("left.png", "right.png"))
@@ -865,7 +905,7 @@ class TestFolder:
     def test_a_hundred_thousand_files(self, tmp_path, monkeypatch):
         """Each folder is listed once, and no file is looked at by itself."""
         for side in ("left", "right"):
-            (tmp_path / side).mkdir()
+            image(tmp_path / side / "000000.png")
         listed = []
 
         class Entry:

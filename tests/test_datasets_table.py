@@ -80,11 +80,6 @@ class TestCsv:
             (["left,right", "a"], "row 1 has 1 fields, the header 2"),
             (["left,right", "images/l0.png,images/r0.png", "a,b,c"], "row 2 has 3 fields, the header 2"),
             (["left,right", "images/l0.png,"], "row 1, column right: it is empty"),
-            (["left,right", "images/l0.png,no.png"], r"row 1, column right: there is no file .*no\.png"),
-            (
-                ["left,right,truth", "images/l0.png,images/r0.png,no.pfm"],
-                r"row 1, column truth: there is no file .*no\.pfm",
-            ),
             (
                 ["left,right,name", "images/l0.png,images/r0.png,../../etc/x"],
                 r"row 1, column name: '\.\./\.\./etc/x' cannot name a pair",
@@ -105,6 +100,22 @@ class TestCsv:
         file = table(images, *lines)
         with pytest.raises(ValueError, match=rf"^{re.escape(str(file))}.*{message}"):
             datasets.open(file)
+
+    def test_files_that_are_missing(self, images):
+        """They cost their pair alone; a table of which no pair has both views is refused."""
+        head = "name,left,right,truth"
+        broken = ["a,no.png,images/r1.png,", f"b,images/l1.png,{'x' * 300}.png,"]
+        others = ["c,images/l0.png,images/r0.png,truth.pfm", "d,images/l1.png,images/r1.png,no.pfm"]
+        found = datasets.open(table(images, head, *broken, *others))
+        for sample in found[:2]:
+            with pytest.raises(OSError, match=r"no\.png|xxx\.png"):
+                sample.pair()
+        assert found[2].truth()[1, 2] == 6
+        assert found[3].pair().left[0, 0] == 3
+        with pytest.raises(FileNotFoundError, match=r"no\.pfm"):
+            found[3].truth()
+        with pytest.raises(ValueError, match=r"r1\.png has no left view: .*no\.png is missing; no pair of"):
+            datasets.open(table(images, head, *broken))
 
     def test_not_text(self, images):
         (images / "pairs.csv").write_bytes(b"left,right\n\xff\xfe,b\n")

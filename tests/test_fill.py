@@ -164,3 +164,41 @@ def test_surfaces_is_its_definition(shape, channels, invalid, scale, threads, se
     expected = reference.surfaces(disparity, flags & 33, image)
     np.testing.assert_allclose(filled, expected, atol=2e-3)
     np.testing.assert_array_equal(disparity, before)
+
+
+def test_a_seam_goes_to_the_surface_that_looks_like_it():
+    """A near square, 30, before a far wall, 5; two columns of either look are doubtful and filled as wall."""
+    image = np.full((30, 40), 50, np.uint8)
+    image[:, 15:] = 200
+    disparity = np.where(image == 200, np.float32(30), np.float32(5))
+    doubtful = np.zeros(image.shape, bool)
+    doubtful[:, 13:17] = True
+    disparity[doubtful] = 5
+    expected = disparity.copy()
+    expected[:, 15:17] = 30
+    np.testing.assert_array_equal(fill.outlines(disparity, doubtful, image), expected)
+
+
+def test_a_slanted_surface_has_no_outline():
+    disparity = np.tile(np.arange(40, dtype=np.float32)[:, np.newaxis], (1, 30))
+    doubtful = np.ones(disparity.shape, bool)
+    np.testing.assert_array_equal(fill.outlines(disparity, doubtful, np.zeros((40, 30), np.uint8)), disparity)
+
+
+@given(
+    shape=st.tuples(st.integers(1, 20), st.integers(1, 30)),
+    far=st.sampled_from([3, 30]),
+    share=st.sampled_from([0.1, 0.5, 0.9]),
+    threads=st.sampled_from([1, 3]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_outlines_is_its_definition(shape, far, share, threads, seed):
+    random = np.random.default_rng(seed)
+    blocks = random.integers(0, far, (5, 8)).repeat(4, axis=0).repeat(4, axis=1)[: shape[0], : shape[1]]
+    disparity = (blocks + random.integers(0, 4, shape) / 4).astype(np.float32)
+    disparity[random.random(shape) < 0.1] = np.nan
+    doubtful = random.random(shape) < share
+    image = random.integers(0, 60, shape, np.uint8)
+    found = fill.outlines(disparity, doubtful, image, threads)
+    np.testing.assert_array_equal(found, reference.outlines(disparity, doubtful, image))

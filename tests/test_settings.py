@@ -56,6 +56,7 @@ any_settings = some.builds(
     edge_aware=some.none() | some.floats(0, 1e5) | some.tuples(some.floats(0, 1e5), some.floats(0.1, 1e6)),
     confidence=some.sampled_from([None, "calibrated"]),
     least_confidence=some.none() | some.floats(0, 1),
+    outlines=some.booleans(),
     step=some.integers(1, 255),
     disparity_step=some.integers(1, 255),
     threads=some.integers(0, 4096),

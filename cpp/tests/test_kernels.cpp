@@ -833,13 +833,17 @@ void test_after_the_checks() {
     for (int k = 0; k < 200; ++k) fine[k] = std::max(1e-6f, std::exp(-k / 3.0f)), coarse[k] = std::exp(-k / 20.0f);
     for (int k = 0; k < 257; ++k) logistic[k] = static_cast<float>(k) / 256;
     for (auto& weight : weights) weight = static_cast<float>(random.between(-4, 4));
+    std::vector<uint8_t> grey;
+    for (int k = 0; k < size; ++k) grey.push_back(bytes[k * channels]);
+    std::vector<int32_t> alike(256);
+    for (int k = 0; k < 256; ++k) alike[k] = 255 - k;
     const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600))};
     const LogisticModel model{weights.data(), weights.data(), logistic.data()};
     const int side = 2 * random.below(6) + 1, slope = random.between(0, 4080), iterations = random.between(1, 3);
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(5, std::vector<float>(size));
+      std::vector<std::vector<float>> found(6, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -847,7 +851,9 @@ void test_after_the_checks() {
       std::vector<float> surface(found[3]);
       for (auto& value : surface)
         if (std::isnan(value)) value = 0;
-      probability(surface.data(), occluded.data(), sharpness.data(), H, W, model, found[4].data(), workers);
+      const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
+      probability(answers, model, found[4].data(), workers);
+      outlines(map.data(), occluded.data(), grey.data(), alike.data(), H, W, found[5].data(), workers);
       bool right = true, any = false;
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {
@@ -856,6 +862,7 @@ void test_after_the_checks() {
         for (int filled : {2, 3}) right = right && (hole || found[filled][k] == map[k]);
         right = right && std::isnan(found[3][k]) != any && found[4][k] >= 0 && found[4][k] <= 1;
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
+        right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
       }
       CHECK(right, text(H) + "x" + text(W) + " threads " + text(threads));
       if (first.empty()) first = found;

@@ -384,6 +384,8 @@ def probability(
     surface: _F32,
     answered: _U8,
     sharpness: _F32,
+    winners: _F32,
+    texture: _F32,
     weights: _F32,
     logistic: _F32,
     out: _F32,
@@ -407,6 +409,7 @@ def fill_surfaces(
     threads: int,
     /,
 ) -> None: ...
+def outlines(disparity: _F32, doubtful: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /) -> None: ...
 def align(
     left: _I32,
     right: _I32,

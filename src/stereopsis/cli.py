@@ -553,6 +553,7 @@ def _view(
 @_choices
 @click.option("--evaluate", is_flag=True, help="Score the pairs that have truth.")
 @click.option("--format", metavar="SUFFIX", default="png", show_default=True, help="png, pfm, npy or tiff.")
+@click.option("--memory", metavar="SIZE", help="What a worker may take; larger pairs go in tiles, over all.")
 @click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler's, such as tcp://host:8786.")
 @click.option("--workers", type=int, help="Processes of this machine; by default one for each core.")
 @click.option("--resume/--no-resume", default=True, help="Go on with the run in OUT; the default.")
@@ -565,6 +566,7 @@ def batch(dataset: Path, out: str, settings: Settings, evaluate: bool, as_json: 
       stereopsis batch DATASET -o out --preset balanced
       stereopsis batch DATASET -o out --preset balanced --evaluate
       stereopsis batch DATASET -o out --preset balanced --scheduler tcp://host:8786
+      stereopsis batch large.csv -o out --format tif --memory 2GiB
 
     OUT gets disparity/NAME.png, results.csv, timings.csv, failures.csv and run.toml. Each pair is kept as
     soon as it is done: the same command goes on where an earlier one was stopped. The exit code is 3 when

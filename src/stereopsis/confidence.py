@@ -12,26 +12,26 @@ Floats = npt.NDArray[np.float64]
 
 FEATURES = (
     "sharpness",
-    "sharpness, saturated",
+    "sharpness, 15 x 15",
     "answered, 21 x 21",
-    "answered, 41 x 41",
-    "jumps, 5 x 5",
-    "jumps, 15 x 15",
+    "drawn, 5 x 5",
     "jumps, 31 x 31",
     "off the mean, 5 x 5",
     "off the mean, 15 x 15",
-    "disparity",
+    "spread, 31 x 31",
+    "texture, 9 x 9",
     "one",
 )
 """What the model looks at, in the order of its weights."""
 
 # python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY --preset accurate
-ANSWERED = (3.917, -0.922, 0.152, 1.931, -1.648, 0.347, -10.767, -0.660, -1.223, 1.524, 1.542)
-FILLED = (0.000, 0.000, 1.794, -0.676, -1.437, 4.270, -14.014, 0.047, -1.856, 1.330, 1.522)
+ANSWERED = (2.094, 6.451, -1.551, -1.976, -10.946, -2.257, -0.218, 2.199, -2.438, 3.509)
+FILLED = (0.000, -1.592, 1.886, -1.537, -11.495, -0.681, -1.471, 1.859, -1.466, 2.283)
 """Weights for pixels that were matched, and for those that were filled."""
 
-
-HALO = Halo.around(21)
+TEXTURE_WINDOW = (9, 9)
+"""Of `stereopsis.validate.texture`, which the model looks at."""
+HALO = Halo.around(16)
 """What `probability` depends on."""
 
 
@@ -39,6 +39,8 @@ def probability(
     surface: DisparityMap,
     answered: npt.NDArray[np.bool_],
     sharpness: npt.NDArray[np.float32],
+    winners: DisparityMap,
+    texture: npt.NDArray[np.float32],
     threads: int = 0,
 ) -> npt.NDArray[np.float32]:
     r"""The probability that an answer is within 3 pixels of the truth, as a logistic model has it.
@@ -46,7 +48,8 @@ def probability(
     .. math:: P = 1 / (1 + \exp(-\textstyle\sum_k w_k f_k))
 
     with the features of `features` and one set of weights for pixels that were matched, another for those
-    that were filled. The weights were fitted once, on half of the pairs of three benchmarks.
+    that were filled. The weights were fitted once, on half of the pairs of three benchmarks, to rank errors
+    of 1, 2 and 3 pixels at once [2]_.
 
     Parameters
     ----------
@@ -56,6 +59,10 @@ def probability(
         Where they were matched, not filled.
     sharpness : ndarray of float32, (H, W)
         `stereopsis.refine.confidence` of the winner; 0 where filled.
+    winners : ndarray of float32, (H, W)
+        The disparities before any filter; NaN for none. Only where `answered`.
+    texture : ndarray of float32, (H, W)
+        `stereopsis.validate.texture` of the left image, in 256 grey levels, over `TEXTURE_WINDOW`.
     threads : int
 
     Returns
@@ -65,14 +72,18 @@ def probability(
 
     References
     ----------
-    A. Spyropoulos, N. Komodakis, P. Mordohai, Learning to detect ground control points for improving the
-    accuracy of stereo matching, CVPR 2014, doi:10.1109/CVPR.2014.210; the features.
+    .. [1] A. Spyropoulos, N. Komodakis, P. Mordohai, Learning to detect ground control points for improving
+       the accuracy of stereo matching, CVPR 2014, doi:10.1109/CVPR.2014.210; features of this kind.
+    .. [2] P. McCullagh, Regression models for ordinal data, Journal of the Royal Statistical Society B 42(2),
+       1980, doi:10.1111/j.2517-6161.1980.tb01109.x.
     """
     found = np.empty(surface.shape, np.float32)
     _core.probability(
         np.ascontiguousarray(surface),
         np.ascontiguousarray(answered, np.uint8),
         np.ascontiguousarray(sharpness, np.float32),
+        np.ascontiguousarray(winners, np.float32),
+        np.ascontiguousarray(texture, np.float32),
         np.array([ANSWERED, FILLED], np.float32),
         LOGISTIC,
         found,
@@ -82,63 +93,84 @@ def probability(
 
 
 def features(
-    surface: DisparityMap, answered: npt.NDArray[np.bool_], sharpness: npt.NDArray[np.float32]
+    surface: DisparityMap,
+    answered: npt.NDArray[np.bool_],
+    sharpness: npt.NDArray[np.float32],
+    winners: DisparityMap,
+    texture: npt.NDArray[np.float32],
 ) -> Floats:
     """What the model looks at, one after the other as `FEATURES` names them; what it is fitted with.
 
-    - The winner's sharpness s, and ``s / (s + 0.05)``.
-    - The share of matched pixels in the window of 21 and in that of 41 pixels around.
+    - The winner's sharpness, and its mean over 15 x 15 pixels.
+    - The share of matched pixels in the window of 21.
+    - How far the filters drew the winners, at most 3 pixels, which also count for what was filled: the mean
+      m over 5 x 5, as ``m / (m + 0.5)``.
     - The share of pixels next to a jump, of more than 1.5 pixels of disparity to one of their four
-      neighbours, in the windows of 5, 15 and 31.
+      neighbours, in the window of 31.
     - How far the disparity is off the window's mean, a, as ``a / (a + 1)``, for 5 and for 15 pixels.
-    - The disparity d itself, as ``|d| / (|d| + 16)``; and 1.
+    - The standard deviation s of the disparities in the window of 31, as ``s / (s + 2)``.
+    - The texture t, as ``t / (t + 8)``; and 1.
 
-    Disparities count in sixteenths of a pixel; windows repeat edge pixels.
+    Disparities, and how far they differ, count in sixteenths of a pixel, sharpness in steps of 2^-16; windows
+    repeat edge pixels.
 
     Parameters
     ----------
-    surface, answered, sharpness
+    surface, answered, sharpness, winners, texture
         As for `probability`.
 
     Returns
     -------
-    ndarray of float64, (H, W, 11)
+    ndarray of float64, (H, W, 10)
     """
     jump = np.zeros(surface.shape, bool)
     for axis in (0, 1):
-        apart = np.moveaxis(~(np.abs(np.diff(surface, axis=axis)) <= np.float32(1.5)), axis, 0)
+        apart = np.abs(np.moveaxis(np.diff(surface, axis=axis), axis, 0))
         along = np.moveaxis(jump, axis, 0)
-        along[1:] |= apart
-        along[:-1] |= apart
-    level = np.rint(16 * np.clip(surface, -8192, 8192)).astype(np.int64)
-    near, wide = (np.abs(level - _mean(level, side)) / 16 for side in (5, 15))
-    sharp = sharpness.astype(np.float64)
-    close = np.abs(level) / 16
+        along[1:] |= apart > JUMP
+        along[:-1] |= apart > JUMP
+    with np.errstate(invalid="ignore"):
+        drawn = np.abs(winners - surface)
+    drawn = np.where(answered & (drawn < FAR_OFF), drawn, np.float32(FAR_OFF))
+    level = _levels(np.clip(surface, -8192, 8192))
+    variance = _sums(level**2, 31) * 31**2 - _sums(level, 31) ** 2
+    near, wide = (np.abs(level - _sums(level, side) / side**2) / 16 for side in (5, 15))
+    far = _sums(_levels(drawn), 5) / 16 / 5**2
+    spread = np.sqrt(variance) / 16 / 31**2
+    dull = texture.astype(np.float64)
     return np.stack(
         [
-            sharp,
-            sharp / (sharp + 0.05),
-            _mean(answered, 21),
-            _mean(answered, 41),
-            _mean(jump, 5),
-            _mean(jump, 15),
-            _mean(jump, 31),
+            sharpness.astype(np.float64),
+            _sums(np.rint(sharpness.astype(np.float64) * 2**16).astype(np.int64), 15) / 2**16 / 15**2,
+            _sums(answered, 21) / 21**2,
+            far / (far + 0.5),
+            _sums(jump, 31) / 31**2,
             near / (near + 1),
             wide / (wide + 1),
-            close / (close + 16),
+            spread / (spread + 2),
+            dull / (dull + 8),
             np.ones(surface.shape),
         ],
         axis=2,
     )
 
 
-def _mean(values: npt.NDArray[np.bool_] | npt.NDArray[np.int64], side: int) -> Floats:
-    """Over side x side pixels, edge pixels repeated; from exact sums."""
+JUMP, FAR_OFF = 1.5, 3.0
+"""From how many pixels of disparity on neighbours are no surface, and a winner's distance counts no more."""
+
+
+def _levels(disparity: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+    """In sixteenths of a pixel."""
+    return np.rint(16 * disparity).astype(np.int64)
+
+
+def _sums(values: npt.NDArray[np.bool_] | npt.NDArray[np.int64], side: int) -> npt.NDArray[np.int64]:
+    """Over side x side pixels, edge pixels repeated."""
     sums = values.astype(np.int64)
     for _ in range(2):
         run = np.cumsum(np.pad(sums, ((0, 0), (side // 2 + 1, side // 2)), "edge"), axis=1)
         sums = (run[:, side:] - run[:, :-side]).T
-    return sums / side**2
+    return sums
 
 
 LOGISTIC = (1 / (1 + np.exp(-np.arange(-128, 129) / 16))).astype(np.float32)

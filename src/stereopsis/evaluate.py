@@ -201,24 +201,17 @@ def evaluate(disparity: FloatMap, truth: FloatMap, mask: Mask | None = None) -> 
     >>> scores.known, scores.answered, scores.own.epe, scores.all.within_1 == 1 / 3
     (3, 2, 2.25, True)
     """
-    # By their numbers pixels are taken several times as fast as by a mask.
-    known = np.flatnonzero(known_pixels(disparity, truth, mask))
-    target = truth.take(known).astype(np.float64)
-    answers = disparity.take(known)
-    errors, answered = _errors(answers, target), np.isfinite(answers)
-    own = np.flatnonzero(answered)
-    count = own.size
-    everything = _measures(errors, target)
-    complete = count == errors.size
+    known = known_pixels(disparity, truth, mask)
+    total = int(np.count_nonzero(known))
+    own = _Errors.at(known & np.isfinite(disparity), disparity, truth)
+    missing = total - own.count
     return Scores(
-        known=errors.size,
-        answered=count,
-        density=count / errors.size if errors.size else math.nan,
-        own=everything if complete else _measures(errors.take(own), target.take(own)),
-        all=everything,
-        filled=everything
-        if complete
-        else _measures(_errors(fill.background(disparity).take(known), target), target),
+        known=total,
+        answered=own.count,
+        density=own.count / total if total else math.nan,
+        own=own.measures(),
+        all=own.measures(missing),
+        filled=_Errors.at(known, fill.background(disparity), truth).measures() if missing else own.measures(),
     )
 
 
@@ -312,51 +305,79 @@ def known_pixels(disparity: FloatMap, truth: FloatMap, mask: Mask | None, name: 
     return mask & np.isfinite(truth)
 
 
-def _errors(answers: FloatMap, target: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _errors(answers: FloatMap, target: FloatMap) -> npt.NDArray[np.float64]:
     """Absolute errors; infinite where there is no answer."""
     with np.errstate(over="ignore"):
-        errors = np.abs(answers.astype(np.float64) - target)
-    np.copyto(errors, np.inf, where=np.isnan(errors))
+        errors = np.subtract(answers, target, dtype=np.float64)
+    np.abs(errors, out=errors)
+    errors[np.isnan(errors)] = np.inf
     return errors
 
 
-def _measures(errors: npt.NDArray[np.float64], target: npt.NDArray[np.float64]) -> Measures:
-    n = errors.size
-    if n == 0:
-        return Measures(0, *[math.nan] * 16)
-    ordered = np.sort(errors)
+@dataclass(frozen=True)
+class _Errors:
+    """Absolute errors in order, and what needs their pixels: how many are outliers, and their means."""
 
-    def within(bound: float) -> float:
-        return int(np.searchsorted(ordered, bound, side="left")) / n
+    ordered: npt.NDArray[np.float64]
+    outliers: int
+    mean: float
+    mean_square: float
 
-    def bad(bound: float) -> float:
-        return (n - int(np.searchsorted(ordered, bound, side="right"))) / n
+    @classmethod
+    def at(cls, pixels: Mask, disparity: FloatMap, truth: FloatMap) -> _Errors:
+        # By their numbers pixels are taken several times as fast as by a mask.
+        places = np.flatnonzero(pixels)
+        target = truth.take(places)
+        errors = _errors(disparity.take(places), target)
+        if not errors.size:
+            return cls(errors, 0, math.nan, math.nan)
+        far = np.flatnonzero(errors > 3)
+        bounds = 0.05 * np.abs(target.take(far).astype(np.float64))
+        outliers = int(np.count_nonzero(errors.take(far) > bounds))
+        with np.errstate(over="ignore"):
+            mean, mean_square = float(np.mean(errors)), float(np.mean(errors * errors))
+        errors.sort()
+        return cls(errors, outliers, mean, mean_square)
 
-    def quantile(percent: int) -> float:
-        return float(ordered[-(-n * percent // 100) - 1])
+    @property
+    def count(self) -> int:
+        return self.ordered.size
 
-    with np.errstate(over="ignore"):
-        outliers = (errors > 3) & (errors > 0.05 * np.abs(target))
-        epe, rmse = float(np.mean(errors)), math.sqrt(np.mean(errors * errors))
-    return Measures(
-        count=n,
-        within_0_25=within(0.25),
-        within_0_5=within(0.5),
-        within_1=within(1),
-        within_2=within(2),
-        within_4=within(4),
-        bad_0_5=bad(0.5),
-        bad_1=bad(1),
-        bad_2=bad(2),
-        bad_4=bad(4),
-        d1=int(outliers.sum()) / n,
-        epe=epe,
-        rmse=rmse,
-        a50=quantile(50),
-        a90=quantile(90),
-        a95=quantile(95),
-        a99=quantile(99),
-    )
+    def measures(self, missing: int = 0) -> Measures:
+        """Measures over these errors and so many infinite ones."""
+        n = self.count + missing
+        if n == 0:
+            return Measures(0, *[math.nan] * 16)
+
+        def within(bound: float) -> float:
+            return int(np.searchsorted(self.ordered, bound, side="left")) / n
+
+        def bad(bound: float) -> float:
+            return (n - int(np.searchsorted(self.ordered, bound, side="right"))) / n
+
+        def quantile(percent: int) -> float:
+            place = -(-n * percent // 100) - 1
+            return float(self.ordered[place]) if place < self.count else math.inf
+
+        return Measures(
+            count=n,
+            within_0_25=within(0.25),
+            within_0_5=within(0.5),
+            within_1=within(1),
+            within_2=within(2),
+            within_4=within(4),
+            bad_0_5=bad(0.5),
+            bad_1=bad(1),
+            bad_2=bad(2),
+            bad_4=bad(4),
+            d1=(self.outliers + missing) / n,
+            epe=math.inf if missing else self.mean,
+            rmse=math.inf if missing else math.sqrt(self.mean_square),
+            a50=quantile(50),
+            a90=quantile(90),
+            a95=quantile(95),
+            a99=quantile(99),
+        )
 
 
 def _format(value: float, unit: str) -> str:

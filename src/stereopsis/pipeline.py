@@ -108,6 +108,7 @@ def match(
     edge_aware: tuple[float, float] | float | None = UNSET,
     confidence: str | None = UNSET,
     least_confidence: float | None = UNSET,
+    outlines: bool = UNSET,
     pyramid: int | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
@@ -135,7 +136,9 @@ def match(
         As in `Settings`.
     left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
         As in `Settings`.
-    weighted_median, edge_aware, confidence, least_confidence, pyramid, step, disparity_step, threads, keep
+    weighted_median, edge_aware, confidence, least_confidence, outlines, pyramid, step, disparity_step
+        As in `Settings`.
+    threads, keep
         As in `Settings`.
 
     Returns
@@ -193,6 +196,7 @@ def match(
             ("edge_aware", edge_aware),
             ("confidence", confidence),
             ("least_confidence", least_confidence),
+            ("outlines", outlines),
             ("pyramid", pyramid),
             ("step", step),
             ("disparity_step", disparity_step),
@@ -315,6 +319,8 @@ def _match(
             _refuse(apart > chosen.reflection, Flag.MISMATCHED, disparity, confidence, flags)
     if "unfiltered" in chosen.keep:
         stages["unfiltered"] = disparity.copy()
+    own = stages.pop("winners", None)
+    winners = disparity.copy() if own is None and chosen.confidence is not None else own
     if chosen.median is not None and chosen.planar is None:
         with _timed(timings, "median"):
             disparity = refine.median(disparity, chosen.median, chosen.threads)
@@ -340,7 +346,7 @@ def _match(
     whole = disparity
     if chosen.planar is not None:
         with _timed(timings, "planar"):
-            whole = _planar(disparity, pixels, chosen, flags, beneath, stages.pop("winners", None))
+            whole = _planar(disparity, pixels, chosen, flags, beneath, own)
             disparity = np.where(flags == 0, whole, np.float32(np.nan))
             confidence = np.where(flags == 0, stages.pop("sharpness", confidence), np.float32(0))
     elif chosen.fill is not None:
@@ -365,10 +371,16 @@ def _match(
             np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
     if chosen.confidence is not None:
         with _timed(timings, "confidence"):
-            confidence = _calibrated(disparity, ~holes, confidence, chosen.threads)
+            confidence = _calibrated(
+                disparity, ~holes, confidence, cast(DisparityMap, winners), pixels, chosen.threads
+            )
     if chosen.least_confidence is not None:
         doubtful = ~holes & (confidence < chosen.least_confidence)
         _doubt(doubtful, chosen.fill, disparity, confidence, flags)
+    if chosen.outlines:
+        with _timed(timings, "outlines"):
+            doubtful = (flags & Flag.FILLED) != 0
+            disparity = fill.outlines(disparity, doubtful, _fused.guide_of(pixels), chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
@@ -412,12 +424,16 @@ def _calibrated(
     disparity: DisparityMap,
     matched: npt.NDArray[np.bool_],
     sharpness: npt.NDArray[np.float32],
+    winners: DisparityMap,
+    pixels: cost.Pixels,
     threads: int,
 ) -> npt.NDArray[np.float32]:
     """The probability that an answer is right; 0 where there is none."""
     # The model looks at windows: what holds no answer is seen as its background.
     surface = np.nan_to_num(fill.background(disparity)) if np.isnan(disparity).any() else disparity
-    found = confidence.probability(surface, matched, sharpness, threads)
+    guide = _fused.guide_of(pixels)[..., None]
+    texture = validate.texture(guide, confidence.TEXTURE_WINDOW, threads)
+    found = confidence.probability(surface, matched, sharpness, winners, texture, threads)
     found[np.isnan(disparity)] = 0
     return found
 
@@ -581,6 +597,7 @@ def _match_tiles(
         ),
         **dict.fromkeys(("weighted_median", "edge_aware", "confidence", "least_confidence")),
         sky=False,
+        outlines=False,
         keep=(),
         subpixel=_fit(chosen.subpixel),
     )

@@ -216,6 +216,9 @@ class Settings:
         the map around it, for filled pixels too. None: how sharp the winner's minimum is.
     least_confidence : float or None
         Answers of less confidence are refused; where holes are filled they stay as filled ones. None: off.
+    outlines : bool
+        What was filled beside a jump of disparity goes to the nearer surface where what looks like it around
+        does. At the end.
     pyramid : int or None
         Coarse to fine: a map of images that were halved so often tells which disparities each tile of the
         image has to search. None: everything everywhere.
@@ -262,6 +265,7 @@ class Settings:
     edge_aware: tuple[float, float] | None = None
     confidence: Literal["calibrated"] | None = None
     least_confidence: float | None = None
+    outlines: bool = False
     pyramid: int | None = None
     step: int = 1
     disparity_step: int = 1
@@ -558,7 +562,7 @@ def _checked(name: str, value: Any) -> Any:
             if value is not None and not (is_number(value) and value >= 0):
                 raise refuse("a number of at least 0, or None")
             return None if value is None else float(value)
-        case "sky":
+        case "sky" | "outlines":
             if value is not None and not isinstance(value, bool):
                 raise refuse("True or False")
             return bool(value)
@@ -785,7 +789,7 @@ def _from_text(name: str, text: str) -> Any:
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
         case "texture" if text == "auto":
             return text
-        case "sky" | "optimize_more_global":
+        case "sky" | "outlines" | "optimize_more_global":
             if text.lower() not in ("on", "true"):
                 raise ValueError(f"{name} must be on or off, not {text!r}")
             return True
@@ -836,6 +840,7 @@ _BALANCED = Settings(
     speckle=(200, 1.0),
     planar=(49, 25),
     fill="background",
+    outlines=True,
 )
 PRESETS: Mapping[str, Settings] = MappingProxyType(
     {

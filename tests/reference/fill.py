@@ -74,3 +74,33 @@ def surfaces(disparity, occluded, image, sigma=5.0, slope_sigma=20.0, strength=5
     whole = smooth(value, np.where(holes, 1e-6, 1), edge_weights(image, sigma), rises, strength, 2)[0]
     one = nothing | (spread <= np.where(occluded, 8, 12))
     return np.where(holes, np.clip(np.where(one, whole, base), answers[0], answers[-1]), d)
+
+
+def outlines(disparity, doubtful, image):
+    d = disparity.astype(np.float32)
+    height, width = d.shape
+    moved = d.copy()
+
+    def around(y, x, reach):
+        return d[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1]
+
+    def span(values):
+        known = values[~np.isnan(values)]
+        return known.max() - known.min() if known.size else np.float32(0)
+
+    jumps = {(y, x) for y in range(height) for x in range(width) if span(around(y, x, 1)) > 4}
+    for y, x in np.argwhere(doubtful):
+        if not any((y + dy, x + dx) in jumps for dy in range(-2, 3) for dx in range(-2, 3)):
+            continue
+        farther, nearer = np.nanmin(around(y, x, 3)), np.nanmax(around(y, x, 3))
+        votes = {farther: 0, nearer: 0}
+        for v in range(y - 12, y + 13, 3):
+            for u in range(x - 12, x + 13, 3):
+                if 0 <= v < height and 0 <= u < width and not doubtful[v, u]:
+                    alike = round(4096 * math.exp(-abs(int(image[v, u]) - int(image[y, x])) / 12))
+                    for surface in votes:
+                        if 3 * abs(d[v, u] - surface) < nearer - farther:
+                            votes[surface] += alike
+        if votes[nearer] > votes[farther]:
+            moved[y, x] = nearer
+    return moved

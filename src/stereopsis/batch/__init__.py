@@ -81,6 +81,7 @@ def run(
     workers: int | None = None,
     evaluate: bool = False,
     format: str = "png",
+    memory: int | str | None = None,
     resume: bool = True,
     overwrite: bool = False,
     storage_options: Mapping[str, Any] | None = None,
@@ -111,11 +112,14 @@ def run(
     scheduler : str, optional
         The address of a Dask scheduler instead, such as ``tcp://host:8786``.
     workers : int, optional
-        Processes of this machine. By default, one for each core.
+        Processes of this machine. By default, one for each core, as far as `memory` lets them.
     evaluate : bool, default False
         Score each map that has truth, as its file has it, inside the data set's mask where it has one.
     format : {"png", "pfm", "npy", "tif", "tiff"}
         What the maps are written as; see `stereopsis.write_disparity`.
+    memory : int or str, optional
+        What a worker may take for a pair, in bytes or such as ``"2GiB"``. A larger pair of files is matched
+        in tiles, which are spread over the workers: into "tif", "tiff", "npy" or "pfm", without a score.
     resume : bool, default True
         Go on with the run that `out` holds. False: refuse to.
     overwrite : bool, default False
@@ -144,8 +148,11 @@ def run(
     """
     require()
     from stereopsis.batch import cluster, job, record, store, work
+    from stereopsis.tiling.memory import as_bytes
 
     start = time.monotonic()
+    if isinstance(samples, str | os.PathLike):
+        raise TypeError(f"samples must be what stereopsis.datasets.open({str(samples)!r}) gives, not a path")
     if settings is not None and not isinstance(settings, Settings):
         raise TypeError(f"settings must be Settings or None, not {type(settings).__name__}")
     if format not in FORMATS:
@@ -156,7 +163,8 @@ def run(
         raise ValueError("client must not be asynchronous")
     chosen = PRESETS[DEFAULT_PRESET] if settings is None else settings
     threads = max(1, chosen.threads)
-    identity = record.Identity.of(samples, chosen, format, evaluate)
+    most = None if memory is None else as_bytes(memory)
+    identity = record.Identity.of(samples, chosen, format, evaluate, most)
     place = store.at(out, storage_options)
     todo = work.Job(
         place,
@@ -165,6 +173,7 @@ def run(
         evaluate,
         identity.run,
         identity.version,
+        most,
     )
     reached: AbstractContextManager[Any]
     if client is not None:
@@ -172,7 +181,8 @@ def run(
     elif scheduler is not None:
         reached = cluster.connected(scheduler)
     else:
-        reached = cluster.local(_workers(workers, threads, cluster.cores()))
+        room = None if most is None else cluster.room_for(most)
+        reached = cluster.local(_workers(workers, threads, cluster.cores(), room))
     place.prepare()
     with place.lock():
         job.prepare(place, identity, resume=resume, overwrite=overwrite)
@@ -189,10 +199,10 @@ def run(
     )
 
 
-def _workers(asked: int | None, threads: int, cores: int) -> int:
-    """So many that their threads do not exceed the cores."""
+def _workers(asked: int | None, threads: int, cores: int, room: int | None = None) -> int:
+    """So many that their threads do not exceed the cores, and by themselves not what there is room for."""
     if asked is None:
-        return max(1, cores // threads)
+        return max(1, min(cores // threads, cores if room is None else room))
     if not is_whole(asked) or asked < 1 or asked * threads > max(cores, threads):
         several = f" with {threads} threads each" if threads > 1 else ""
         most = max(1, cores // threads)

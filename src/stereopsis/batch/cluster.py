@@ -6,14 +6,15 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any, Final, NamedTuple
 
-from stereopsis.batch import preload, work
-from stereopsis.batch.work import Answer, Failure, Item, Job, UnwritableError
+from stereopsis.batch import preload, tiled, work
+from stereopsis.batch.tiled import Tile
+from stereopsis.batch.work import Answer, Failure, Found, Item, Job, UnwritableError
 from stereopsis.io._errors import reason
 
 PATIENCE: Final = 60.0
@@ -32,6 +33,16 @@ LARGEST: Final = 64
 """Pairs in a task at most: what a client has to hold of each is small, and so is what it waits for."""
 
 
+CALM: Final = {
+    # An hour of profiles is kept, and is all that would grow in a worker.
+    "distributed.worker.profile.enabled": False,
+    # Looking after idle processes so often as Dask does takes 5 % of a core, which the workers need.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "1s",
+}
+"""Dask's own settings, of processes of this machine."""
+
 KEPT: Final = "what is finished is kept, and the same run again goes on"
 
 
@@ -44,6 +55,13 @@ def cores() -> int:
     from dask.system import cpu_count
 
     return max(1, int(cpu_count()))
+
+
+def room_for(memory: int) -> int:
+    """Workers for which this machine has memory; Dask ends one that comes near the end of its share."""
+    from distributed.system import MEMORY_LIMIT
+
+    return int(MEMORY_LIMIT // (1.25 * memory))
 
 
 @contextmanager
@@ -73,8 +91,7 @@ def local(workers: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     preload.steady()
-    # Dask profiles its workers; an hour of that is kept, and it is all that would grow in them.
-    with _quiet(), dask.config.set({"distributed.worker.profile.enabled": False}):
+    with _quiet(), dask.config.set(CALM):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -157,33 +174,47 @@ def answers(client: Any, job: Job, items: Iterator[Item], left: Callable[[], int
     """
     from distributed.comm import CommClosedError
 
-    hands = _Hands(client, job)
-    suspects: deque[Item] = deque()
+    hands, desk = _Hands(client, job), tiled.Desk()
+    suspects: deque[Item | Tile] = deque()
     pace = _Pace()
+
+    def taken(chunk: Chunk, found: list[Found]) -> Iterator[Answer]:
+        for item, one in zip(chunk, found, strict=True):
+            if (answer := desk.take(item, one)) is not None:
+                yield item.index, answer
+
+    def given(chunk: Chunk, alone: bool = False) -> Iterator[Answer]:
+        for one, failure in hands.give(chunk, alone):
+            yield from taken([one], [failure])
+
+    def following() -> Chunk:
+        if desk.waiting:
+            return [desk.waiting.popleft()]
+        return list(islice(items, pace.pairs(threads, left())))
+
     try:
         threads, counted = threads_of(client), time.monotonic()
         while True:
-            while len(hands) < 2 * threads + 1 and (
-                chunk := list(islice(items, pace.pairs(threads, left())))
-            ):
-                yield from hands.give(chunk)
+            while len(hands) < 2 * threads + 1 and (chunk := following()):
+                yield from given(chunk)
             if not hands and suspects:
-                yield from hands.give([suspects.popleft()], alone=True)
+                yield from given([suspects.popleft()], alone=True)
             if not hands:
                 return
-            found = hands.take()
-            if not isinstance(found, _Died):
-                answered, seconds = found
-                pace.learn(seconds / len(answered))
-                yield from answered
-            elif len(found.chunk) > 1:
-                for item in found.chunk:
-                    yield from hands.give([item])
-            elif not found.alone:
+            back = hands.take()
+            if not isinstance(back, _Died):
+                chunk, found, seconds = back
+                if isinstance(chunk[0], Item):
+                    pace.learn(seconds / len(found))
+                yield from taken(chunk, found)
+            elif len(back.chunk) > 1:
+                for item in back.chunk:
+                    yield from given([item])
+            elif not back.alone:
                 # Its worker died, perhaps of another pair that waited there.
-                suspects.extend(found.chunk)
+                suspects.extend(back.chunk)
             else:
-                yield found.chunk[0].index, Failure(found.chunk[0].sample.name, found.reason)
+                yield from taken(back.chunk, [Failure(back.chunk[0].sample.name, back.reason)])
             if time.monotonic() - counted > 10:
                 threads, counted = threads_of(client, patience=float("inf")), time.monotonic()
     except (CancelledError, CommClosedError):
@@ -192,10 +223,14 @@ def answers(client: Any, job: Job, items: Iterator[Item], left: Callable[[], int
         hands.drop()
 
 
+Chunk = Sequence[Item | Tile]
+"""What a task holds: some pairs, or a tile."""
+
+
 class _Died(NamedTuple):
     """A task over which workers died, or that they cannot take."""
 
-    chunk: list[Item]
+    chunk: Chunk
     alone: bool
     reason: str
 
@@ -208,36 +243,36 @@ class _Hands:
 
         self._client = client
         self._job = job
-        self._waiting: dict[Any, tuple[list[Item], bool]] = {}
+        self._waiting: dict[Any, tuple[Chunk, bool]] = {}
         self._ready = as_completed(raise_errors=False)
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def give(self, chunk: list[Item], alone: bool = False) -> list[Answer]:
-        """Send a task; what cannot be sent is answered at once."""
+    def give(self, chunk: Chunk, alone: bool = False) -> list[tuple[Item | Tile, Failure]]:
+        """Send a task; return what of it cannot be sent."""
         try:
             # Not pure: the same pair asked for again is a new task, not a failure that Dask remembers.
             future = self._client.submit(work.packed, work.pack(self._job, chunk), pure=False)
         # A sample that cannot be sent raises whatever its parts do.
         except Exception as error:
             if len(chunk) > 1:
-                return [answer for item in chunk for answer in self.give([item])]
+                return [failed for item in chunk for failed in self.give([item])]
             why = f"cannot be sent to a worker: {reason(error)}"
-            return [(chunk[0].index, Failure(chunk[0].sample.name, why))]
+            return [(chunk[0], Failure(chunk[0].sample.name, why))]
         self._waiting[future] = chunk, alone
         self._ready.add(future)
         return []
 
-    def take(self) -> tuple[list[Answer], float] | _Died:
-        """What comes back next, and the seconds that it took."""
+    def take(self) -> tuple[Chunk, list[Found], float] | _Died:
+        """A task that comes back, what came of it, and the seconds that it took."""
         future = next(self._ready)
         chunk, alone = self._waiting.pop(future)
         if future.status in ("cancelled", "lost"):
             raise CancelledError
         if future.status != "error":
-            found: tuple[list[Answer], float] = future.result()
-            return found
+            found, seconds = future.result()
+            return chunk, found, seconds
         error = future.exception()
         if isinstance(error, UnwritableError):
             raise UnwritableError(f"{error}; {KEPT}")

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import AbstractContextManager, suppress
 from typing import Any, Final
 
-from stereopsis.batch import cluster, names, record, work
-from stereopsis.batch.store import FOLDERS, MAPS, ROWS, TABLES, Store
+from stereopsis.batch import cluster, names, record, tiled, work
+from stereopsis.batch.store import FOLDERS, MAPS, ROWS, TABLES, TILES, Store
 from stereopsis.batch.work import Failure, Item, Job
 from stereopsis.io.table import as_csv
 
@@ -49,6 +49,7 @@ def prepare(store: Store, identity: record.Identity, *, resume: bool, overwrite:
         # The rows first: what is left of a run that is being removed still agrees with its run.toml.
         for folder in (ROWS, MAPS):
             store.remove(store.sizes(folder))
+        store.clear(TILES)
         store.remove((*TABLES, record.NAME))
         found = None
     if found is None:
@@ -73,6 +74,7 @@ def finished(store: Store, job: Job) -> dict[str, bytes]:
     kept = {f"{MAPS}/{path}.{job.format}" for path in done}
     # The row first: a map without one is nothing, a row without its map would be a lie.
     store.remove([*stale, *(name for name in maps if name not in kept)])
+    store.remove([name for name in store.sizes(TILES) if tiled.path_of(name) in done])
     return done
 
 
@@ -220,6 +222,7 @@ def carry_out(
 
     report("")
     if first is None:
+        store.clear(TILES)
         table.write(store, scored=job.evaluate)
         return table
 
@@ -235,6 +238,9 @@ def carry_out(
     try:
         with client as reached:
             for index, answer in cluster.answers(reached, job, remaining(), left):
+                if isinstance(answer, tiled.Step):
+                    report(str(answer))
+                    continue
                 table.enter(index, answer)
                 report("")
                 if time.monotonic() - written > interval:
@@ -251,5 +257,6 @@ def carry_out(
         raise
     # A worker that was killed midway, and whose pair another one took over, may have left a part of a file.
     store.sweep()
+    store.clear(TILES)
     table.write(store, scored=job.evaluate)
     return table

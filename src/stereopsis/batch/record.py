@@ -35,6 +35,8 @@ class Identity:
         What the data set is called and where it lies; empty where it does not say.
     version : str
         Of this package.
+    memory : int or None
+        Bytes that a worker may take, which decides the tiles.
     """
 
     settings: Settings
@@ -43,9 +45,12 @@ class Identity:
     dataset: str
     folder: str
     version: str
+    memory: int | None = None
 
     @classmethod
-    def of(cls, samples: Any, settings: Settings, format: str, evaluate: bool) -> Identity:
+    def of(
+        cls, samples: Any, settings: Settings, format: str, evaluate: bool, memory: int | None = None
+    ) -> Identity:
         """The identity of a run over `samples`."""
         folder = getattr(samples, "folder", None)
         return cls(
@@ -55,6 +60,7 @@ class Identity:
             str(getattr(samples, "name", "")),
             "" if folder is None else os.path.abspath(folder),  # noqa: PTH100, links stay as they are
             version(),
+            memory,
         )
 
     @property
@@ -70,6 +76,7 @@ class Identity:
             "folder": self.folder,
             "format": self.format,
             "evaluate": self.evaluate,
+            "memory": self.memory or 0,
             "settings": tomllib.loads(self.settings.to_toml()),
         }
 
@@ -105,7 +112,7 @@ class Identity:
         except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"it is no record of a run: {' '.join(str(error).split())}") from None
         told = self._told()
-        now = {name: told[name] for name in ("version", "format", "evaluate")}
+        now = {name: told[name] for name in ("version", "format", "evaluate", "memory")}
         now |= {"data name": self.dataset, "data folder": self.folder}
         now |= {f"setting {name}": value for name, value in told["settings"].items()}
         different = [

@@ -6,16 +6,19 @@ import errno
 import os
 import re
 import secrets
-from collections.abc import Iterable, Iterator, Mapping
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from stereopsis.io.atomic import write_bytes
 
 MAPS: Final = "disparity"
 ROWS: Final = "rows"
+TILES: Final = "tiles"
 FOLDERS: Final = (MAPS, ROWS)
 TABLES: Final = ("results.csv", "timings.csv", "failures.csv")
 LOCK: Final = ".lock"
@@ -64,11 +67,18 @@ class Folder:
             self._make_folders(name)
             write_bytes(path, data)
 
+    @contextmanager
+    def place(self, name: str) -> Iterator[Path]:
+        """Where to write a large file, whole or not at all."""
+        self._make_folders(name)
+        yield self.path(name)
+
     def _make_folders(self, name: str) -> None:
-        # Never the outermost: where that is gone, the whole output is, and must not seem to be there.
+        # Never those of `prepare`: where they are gone, the whole output is, and must not seem to be there.
         folder = PurePosixPath(name).parent
-        for parent in reversed([folder, *folder.parents][:-2]):
-            self.path(str(parent)).mkdir(exist_ok=True)
+        for parent in reversed([folder, *folder.parents][:-1]):
+            if str(parent) not in FOLDERS:
+                self.path(str(parent)).mkdir(exist_ok=True)
 
     def read(self, name: str) -> bytes | None:
         """What a file holds; None where there is none."""
@@ -116,11 +126,15 @@ class Folder:
         for name in names:
             self.path(name).unlink(missing_ok=True)
 
+    def clear(self, folder: str) -> None:
+        """Remove a folder and all that is in it."""
+        shutil.rmtree(self.path(folder), ignore_errors=True)
+
     def sweep(self) -> None:
         """Remove what writers that were killed left behind."""
         with suppress(FileNotFoundError):
             top = [entry.name for entry in os.scandir(self.root)]
-            below = [name for folder in FOLDERS for name, _ in self._walk(folder)]
+            below = [name for folder in (*FOLDERS, TILES) for name, _ in self._walk(folder)]
             self.remove(name for name in (*top, *below) if TEMPORARY.fullmatch(name.split("/")[-1]))
 
     @contextmanager
@@ -180,16 +194,27 @@ class Remote:
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file, whole or not at all."""
+        self._put(name, lambda system, target: system.pipe_file(target, data))
+
+    @contextmanager
+    def place(self, name: str) -> Iterator[Path]:
+        """Where to write a large file on this machine; it is put into its place when the block ends well."""
+        with TemporaryDirectory() as folder:
+            local = Path(folder, PurePosixPath(name).name)
+            yield local
+            self._put(name, lambda system, target: system.put_file(str(local), target))
+
+    def _put(self, name: str, put: Callable[[Any, str], None]) -> None:
         system, root = self._reached()
         target = f"{root}/{name}"
         if not ONE_PUT.isdisjoint([system.protocol] if isinstance(system.protocol, str) else system.protocol):
-            system.pipe_file(target, data)
+            put(system, target)
             return
         folder = str(PurePosixPath(target).parent)
         system.makedirs(folder, exist_ok=True)
         temporary = f"{folder}/.{secrets.token_hex(6)}.tmp"
         try:
-            system.pipe_file(temporary, data)
+            put(system, temporary)
             system.mv(temporary, target)
         finally:
             with suppress(FileNotFoundError):
@@ -246,9 +271,13 @@ class Remote:
             with suppress(FileNotFoundError):
                 system.rm_file(f"{root}/{name}")
 
+    def clear(self, folder: str) -> None:
+        """Remove all that is in a folder."""
+        self.remove(self.sizes(folder))
+
     def sweep(self) -> None:
         """Remove what writers that were killed left behind."""
-        below = [name for folder in FOLDERS for name, _ in self._found(folder)]
+        below = [name for folder in (*FOLDERS, TILES) for name, _ in self._found(folder)]
         self.remove(name for name in below if TEMPORARY.fullmatch(name.split("/")[-1]))
 
     @contextmanager

@@ -8,20 +8,22 @@ import math
 import platform
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from stereopsis.batch import tiled
 from stereopsis.batch.store import MAPS, ROWS, Store
+from stereopsis.batch.tiled import Cut, Matched, Step, Tile
 from stereopsis.evaluate import Measures, Scores, evaluate
 from stereopsis.io._errors import reason
 from stereopsis.io.disparity import encode_disparity
 from stereopsis.pipeline import match
 from stereopsis.settings import Settings
-from stereopsis.types import DisparityMap, Flag, Result
+from stereopsis.types import Disparities, DisparityMap, Flag, Result
 
 FORMATS: Final = {"png": "kitti", "pfm": "pfm", "npy": "npy", "tif": "tiff", "tiff": "tiff"}
 """Suffixes of the maps, and what `stereopsis.io.write_disparity` calls them."""
@@ -56,6 +58,8 @@ class Job:
         What rows of the same run carry.
     version : str
         Of this package, at the client.
+    memory : int or None
+        Bytes that a worker may take: larger pairs go in tiles.
     """
 
     store: Store
@@ -64,6 +68,7 @@ class Job:
     evaluate: bool
     run: str
     version: str
+    memory: int | None = None
 
 
 @dataclass(frozen=True)
@@ -83,8 +88,11 @@ class Failure:
     reason: str
 
 
-Answer = tuple[int, bytes | Failure]
-"""A pair's place in the data set, and the record that was written for it or why there is none."""
+Answer = tuple[int, bytes | Failure | Step]
+"""A pair's place in the data set, and its record, why there is none, or how far it is."""
+
+Found = bytes | Failure | Cut | Matched
+"""What comes of an item on a worker."""
 
 
 def columns(*, scored: bool) -> tuple[str, ...]:
@@ -98,8 +106,8 @@ def columns(*, scored: bool) -> tuple[str, ...]:
     return (*own, "known", "answered", "known_density", *parts)
 
 
-def pairs(job: Job, items: Sequence[Item]) -> tuple[list[Answer], float]:
-    """Work through some pairs on a worker, and say how many seconds it took.
+def pairs(job: Job, items: Sequence[Item | Tile]) -> tuple[list[Found], float]:
+    """Work through some pairs or tiles on a worker, and say how many seconds it took.
 
     Raises
     ------
@@ -109,11 +117,11 @@ def pairs(job: Job, items: Sequence[Item]) -> tuple[list[Answer], float]:
     start = time.perf_counter()
     if version() != job.version:
         told = f"worker {platform.node()} runs stereopsis {version()}, the client {job.version}"
-        return [(item.index, Failure(item.sample.name, told)) for item in items], 0.0
-    return [(item.index, _pair(job, item)) for item in items], time.perf_counter() - start
+        return [Failure(item.sample.name, told) for item in items], 0.0
+    return [_found(job, item) for item in items], time.perf_counter() - start
 
 
-def packed(data: bytes) -> tuple[list[Answer], float]:
+def packed(data: bytes) -> tuple[list[Found], float]:
     """`pairs` of a job and its items that `pack` has put together.
 
     Opaque to the scheduler, which then holds little and need not know the samples' classes.
@@ -124,7 +132,7 @@ def packed(data: bytes) -> tuple[list[Answer], float]:
     return pairs(job, items)
 
 
-def pack(job: Job, items: Sequence[Item]) -> bytes:
+def pack(job: Job, items: Sequence[Item | Tile]) -> bytes:
     """The argument of `packed`; raises whatever a sample that cannot be pickled raises."""
     from distributed.protocol import pickle
 
@@ -154,41 +162,91 @@ def record_of(data: bytes | None, run: str) -> dict[str, Any] | None:
     return record if of_this_run else None
 
 
-def _pair(job: Job, item: Item) -> bytes | Failure:
-    row_file, map_file = f"{ROWS}/{item.path}.json", f"{MAPS}/{item.path}.{job.format}"
-    name = item.sample.name
-    # Its worker died after it was done, or an earlier client's worker has done it meanwhile.
+def _found(job: Job, item: Item | Tile) -> Found:
+    try:
+        return _pair(job, item) if isinstance(item, Item) else _tile(job, item)
+    except UnwritableError:
+        raise
+    # Whatever is wrong with one pair must not stop the others.
+    except Exception as error:
+        return Failure(item.sample.name, reason(error))
+
+
+def _pair(job: Job, item: Item) -> bytes | Failure | Cut:
+    if (before := _before(job, item)) is not None:
+        return before
+    watch = _Watch()
+    if job.memory is not None:
+        settings = _limited(job.settings)
+        cut = tiled.cut(item.sample, settings, job.memory, job.format, scored=job.evaluate)
+        watch.lap("match")
+        if cut is not None:
+            return Cut(cut, watch.seconds["match"])
+    row, disparity = _matched(job, item, watch)
+    name = _map(job, item)
+    with _writing(job, name):
+        job.store.write(name, disparity)
+    watch.lap("write")
+    return _record(job, item, len(disparity), row, watch.seconds)
+
+
+def _tile(job: Job, item: Tile) -> bytes | Failure | Matched:
+    watch = _Watch()
+    if item.number is not None:
+        name = tiled.name_of(item.path, item.number)
+        with _writing(job, name):
+            there = tiled.is_there(job.store, item)
+        if not there:
+            values = tiled.match(item)
+            with _writing(job, name):
+                job.store.write(name, values)
+        watch.lap("match")
+        return Matched(watch.seconds["match"])
+    found = _before(job, item)
+    if found is None:
+        name = _map(job, item)
+        with _writing(job, name):
+            whole = tiled.join(job.store, item, name)
+            size = job.store.size(name)
+        watch.lap("write")
+        (height, width), chosen = whole.shape, whole.settings.disparities
+        row = _row(width, height, chosen, whole.density, whole.flagged)
+        found = _record(job, item, size, row, {"match": item.seconds, **watch.seconds})
+    tiled.clear(job.store, item)
+    return found
+
+
+def _map(job: Job, item: Item | Tile) -> str:
+    return f"{MAPS}/{item.path}.{job.format}"
+
+
+def _before(job: Job, item: Item | Tile) -> bytes | Failure | None:
+    """The record of a pair that is finished: its worker died after that, or an earlier client's did it."""
+    row_file, map_file, name = f"{ROWS}/{item.path}.json", _map(job, item), item.sample.name
     with _writing(job, row_file):
         data = job.store.read(row_file)
         before = record_of(data, job.run)
         there = before is not None and job.store.size(map_file) == before["bytes"]
     if before is not None and before["row"].get("name") != name:
         return Failure(name, f"its file is that of the pair {before['row'].get('name')!r} here")
-    if there and data is not None:
-        return data
-    try:
-        watch = _Watch()
-        row, disparity = _matched(job, item, watch)
-        with _writing(job, map_file):
-            job.store.write(map_file, disparity)
-        watch.lap("write")
-        record = {
-            "run": job.run,
-            "source": source(item.sample),
-            "bytes": len(disparity),
-            "row": {"name": name, "file": map_file, **row},
-            "seconds": {stage: round(seconds, 6) for stage, seconds in watch.seconds.items()},
-            "worker": platform.node(),
-        }
-        data = json.dumps(record, separators=(",", ":")).encode() + b"\n"
-        with _writing(job, row_file):
-            job.store.write(row_file, data)
-        return data
-    except UnwritableError:
-        raise
-    # Whatever is wrong with one pair must not stop the others.
-    except Exception as error:
-        return Failure(name, reason(error))
+    return data if there else None
+
+
+def _record(job: Job, item: Item | Tile, size: int | None, row: Row, seconds: Mapping[str, float]) -> bytes:
+    """Write what says that a pair is done."""
+    record = {
+        "run": job.run,
+        "source": source(item.sample),
+        "bytes": size,
+        "row": {"name": item.sample.name, "file": _map(job, item), **row},
+        "seconds": {stage: round(spent, 6) for stage, spent in seconds.items()},
+        "worker": platform.node(),
+    }
+    data = json.dumps(record, separators=(",", ":")).encode() + b"\n"
+    row_file = f"{ROWS}/{item.path}.json"
+    with _writing(job, row_file):
+        job.store.write(row_file, data)
+    return data
 
 
 class _Watch:
@@ -270,13 +328,20 @@ def _limited(settings: Settings) -> Settings:
 
 
 def _facts(result: Result) -> Row:
-    chosen = result.settings.disparities
     height, width = result.disparity.shape
+    counts = np.bincount(result.flags.ravel(), minlength=256)
+    flagged = {flag: int(counts[np.arange(256) & flag > 0].sum()) for flag in Flag}
+    return _row(width, height, result.settings.disparities, result.density, flagged)
+
+
+def _row(
+    width: int, height: int, chosen: Disparities | None, density: float, flagged: Mapping[Flag, int]
+) -> Row:
     return {
         "width": width,
         "height": height,
         "disparity_min": chosen.min if chosen else None,
         "disparity_max": chosen.max if chosen else None,
-        "density": result.density,
-        **{str(flag.name).lower(): int(np.count_nonzero(result.flags & flag)) for flag in Flag},
+        "density": density,
+        **{str(flag.name).lower(): flagged[flag] for flag in Flag},
     }

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, overload
@@ -67,8 +67,10 @@ class Dataset(Sequence[Sample]):
 def open(path: str | os.PathLike[str]) -> Dataset:
     """Recognise a data set by its layout.
 
-    Folders are listed, each once, and no file is read but a table of paths. Where a folder holds training
-    and test pairs of the same names, those with truth are taken; the others' folder can be opened itself.
+    Folders are listed, each once, and no file is read but a table of paths: a pair of which a file is missing
+    or broken fails by itself when it is read, as long as another pair has both views. Where a folder holds
+    training and test pairs of the same names, those with truth are taken; the others' folder can be opened
+    itself.
 
     Parameters
     ----------
@@ -90,8 +92,8 @@ def open(path: str | os.PathLike[str]) -> Dataset:
     OSError
         A folder cannot be listed, or the table cannot be read.
     ValueError
-        There is no such folder or table; it holds no layout known here, several resolutions of one, a pair
-        with only one view, or two pairs of the same name; a row of the table is wrong.
+        There is no such folder or table; it holds no layout known here, several resolutions of one, no pair
+        with both views, or two pairs of the same name; a row of the table is wrong.
     """
     # Imported here, so that `import stereopsis` stays quick.
     from stereopsis.datasets import (
@@ -116,7 +118,7 @@ def open(path: str | os.PathLike[str]) -> Dataset:
 
     place = as_path(path)
     if place.is_file() and place.suffix.lower() in table.SUFFIXES:
-        return Dataset(table.NAME, place, _unique(place, table.read(place)))
+        return Dataset(table.NAME, place, _checked(place, table.read(place)))
     if not place.is_dir():
         raise ValueError(f"path must be a folder, or a .csv or .parquet file, and {place} is not one")
     folder = Folder(place)
@@ -142,13 +144,13 @@ def open(path: str | os.PathLike[str]) -> Dataset:
         found = layout.find(folder)
         if found:
             ordered = sorted(found, key=lambda sample: sample.name)
-            return Dataset(layout.NAME, place, _unique(place, ordered))
+            return Dataset(layout.NAME, place, _checked(place, ordered))
     sought = "".join(f"\n  {layout.NAME}: {layout.LAYOUT}" for layout in (*layouts, table))
     raise ValueError(f"{place} holds no benchmark in a layout known here; looked for{sought}")
 
 
-def _unique(place: Path, samples: Iterable[Sample]) -> tuple[Sample, ...]:
-    """Refuse names that could not be those of files in an output folder, each of its own."""
+def _checked(place: Path, samples: Sequence[Sample]) -> tuple[Sample, ...]:
+    """Refuse names that could not be those of files in an output folder, each of its own, and views alone."""
     seen: dict[str, Sample] = {}
     for sample in samples:
         try:
@@ -160,4 +162,10 @@ def _unique(place: Path, samples: Iterable[Sample]) -> tuple[Sample, ...]:
             raise ValueError(
                 f"{place} holds two pairs named {sample.name!r}: {first.left_file} and {sample.left_file}"
             )
+    # Not Path.exists: it raises for a name that is too long, and for a folder that may not be entered.
+    there = os.path.exists
+    if not any(there(sample.left_file) and there(sample.right_file) for sample in samples):
+        left, right = samples[0].left_file, samples[0].right_file
+        view, side, missing = (left, "right", right) if there(left) else (right, "left", left)
+        raise ValueError(f"{view} has no {side} view: {missing} is missing; no pair of {place} has both")
     return tuple(seen.values())

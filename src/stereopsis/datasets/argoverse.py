@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from stereopsis._files import read
-from stereopsis.datasets.folder import Folder, right_view
+from stereopsis.datasets.folder import Folder
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
 from stereopsis.io.calibration import MAX_BYTES, check_calibration
@@ -47,15 +47,15 @@ def find(folder: Folder) -> list[Sample]:
 
 def _log(root: Folder, part: Folder, log: Folder, prefix: str) -> Iterator[Sample]:
     truths = root / _TRUTHS / part.name / log.name / f"{_LEFT}_disparity"
-    for file in (log / _LEFT).files:
-        left = log.path / _LEFT / file
-        if left.suffix != ".jpg":
-            continue
-        time = left.stem.removeprefix(f"{_LEFT}_")
+    sides = (_LEFT, _RIGHT)
+    views = ((side, Path(file)) for side in sides for file in (log / side).files)
+    times = {view.stem.removeprefix(f"{side}_") for side, view in views if view.suffix == ".jpg"}
+    for time in sorted(times):
+        left, right = (log.path / side / f"{side}_{time}.jpg" for side in sides)
         yield Sample(
             f"{prefix}{log.name}/{time}",
             left,
-            right_view(left, log / _RIGHT, f"{_RIGHT}_{time}.jpg"),
+            right,
             truths.file(f"{_LEFT}_disparity_{time}.png"),
             log.file("vehicle_calibration_stereo_info.json"),
             read_calibration=read_calibration,

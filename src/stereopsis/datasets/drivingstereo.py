@@ -9,6 +9,7 @@ sparse, and not split by occlusion; 16 bits, 256 times the disparity at half siz
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis._files import read
-from stereopsis.datasets.folder import Folder, only_one, right_view
+from stereopsis.datasets.folder import Folder, in_either, only_one
 from stereopsis.datasets.readers import Scaled
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
@@ -40,12 +41,10 @@ def find(folder: Folder) -> list[Sample]:
 
 
 def _flat(folder: Folder) -> Iterator[Sample]:
-    for file in folder.files:
-        name, _, kind = file.rpartition("-left.")
-        if kind in ("jpg", "png"):
-            left = folder.path / file
-            right = right_view(left, folder, f"{name}-right.{kind}")
-            yield Sample(name, left, right, folder.file(f"{name}-disparity.png"))
+    views = (re.fullmatch(r"(.*)-(?:left|right)\.(jpg|png)", file, re.DOTALL) for file in folder.files)
+    for name, kind in sorted({view.group(1, 2) for view in views if view}):
+        left, right = (folder.path / f"{name}-{side}.{kind}" for side in ("left", "right"))
+        yield Sample(name, left, right, folder.file(f"{name}-disparity.png"))
 
 
 def _official(folder: Folder) -> Iterator[Sample]:
@@ -76,14 +75,14 @@ def _images(root: Folder, lefts: tuple[str, ...], prefix: str) -> Iterator[Sampl
         )
         sequence = "".join(f"{part}/" for part in parts[len(lefts) :] if part not in _SIZES)
         full = _SIZES[1] in parts
-        for file in folder.files:
+        for file in in_either(folder, rights):
             left = folder.path / file
             if left.suffix not in (".jpg", ".png"):
                 continue
             yield Sample(
                 f"{prefix}{sequence}{left.stem}",
                 left,
-                right_view(left, rights, file),
+                rights.path / file,
                 truths.file(f"{left.stem}.png"),
                 _calibration_file(places, f"{left.stem.partition('_')[0]}.txt", full),
                 read_truth=Scaled(128 if full else 256),

@@ -28,10 +28,10 @@ def find(folder: Folder) -> list[Sample]:
     if folder.name in _PARTS:
         return _part(folder, folder.parent)
     for part in _PARTS:
-        if scenes(folder / part, "im0.png"):
+        if scenes(folder / part, "im0.png", "im1.png"):
             return _part(folder / part, folder)
     # The scenes' names end in a number and s or l: that alone tells the folder from Middlebury's.
-    found = scenes(folder, "im0.png")
+    found = scenes(folder, "im0.png", "im1.png")
     mine = found and all(re.search(r"_\d[ls]$", name) for name, _ in found)
     return middlebury.listed(folder) if mine else []
 

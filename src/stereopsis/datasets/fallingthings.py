@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereopsis._files import read
-from stereopsis.datasets.folder import Folder, right_view
-from stereopsis.datasets.readers import Consistent, FromDepth
+from stereopsis.datasets.folder import Folder
+from stereopsis.datasets.readers import FromDepth, consistent
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
 from stereopsis.io.calibration import MAX_BYTES, check_calibration
@@ -42,19 +42,16 @@ def _scene(name: str, scene: Folder) -> Iterator[Sample]:
     if settings is None:
         return
     depth = Depth(settings)
-    for file in scene.files:
-        number, _, kind = file.partition(".")
-        if kind != "left.jpg":
-            continue
-        left = scene.path / file
+    views = (file.partition(".") for file in scene.files)
+    for number in sorted({number for number, _, kind in views if kind in ("left.jpg", "right.jpg")}):
         truth, other = (scene.file(f"{number}.{side}.depth.png") for side in ("left", "right"))
         yield Sample(
             f"{name}/{number}".lstrip("/"),
-            left,
-            right_view(left, scene, f"{number}.right.jpg"),
+            scene.path / f"{number}.left.jpg",
+            scene.path / f"{number}.right.jpg",
             truth,
             settings,
-            read_mask=Consistent(truth, other, depth) if truth and other else None,
+            read_mask=consistent(truth, other, depth),
             read_truth=depth,
             read_calibration=read_calibration,
         )

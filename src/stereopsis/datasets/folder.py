@@ -88,29 +88,34 @@ class Folder:
             for entry in entries:
                 if entry.name.startswith("."):
                     continue
-                if _leads_to(entry, folder=False):
-                    files.add(entry.name)
-                elif _leads_to(entry, folder=True):
+                if _leads_to(entry, folder=True):
                     real = f"{self._real}{os.sep}{entry.name}"
                     if entry.is_symlink():
                         real = os.path.realpath(entry.path)
                     if real not in above:
                         folders[entry.name] = Folder(self.path / entry.name, real, above)
+                elif _leads_to(entry, folder=False) or entry.is_symlink():
+                    # A link that leads nowhere is a file that cannot be read.
+                    files.add(entry.name)
         return files, folders
 
 
-def right_view(left: Path, folder: Folder, *names: str) -> Path:
-    """Return the right view, under one of these names, of a left one that must not stand alone."""
-    right = folder.file(*names)
-    if right is None:
-        raise ValueError(f"{left} has no right view: {folder.path / names[0]} is missing")
-    return right
+def in_either(left: Folder, right: Folder) -> list[str]:
+    """Names of the files of two folders that hold the views under the same names, sorted.
+
+    A view that is missing costs its pair when that is read, and no other.
+    """
+    return sorted({*left.files, *right.files})
 
 
-def scenes(folder: Folder, file: str, *more: str) -> list[tuple[str, Folder]]:
-    """Return the folders in `folder` that hold these files, with their names, or else `folder` itself."""
-    found = [scene for scene in folder.folders if all(map(scene.file, (file, *more)))]
-    if not found and all(map(folder.file, (file, *more))):
+def scenes(folder: Folder, left: str, right: str, *more: str) -> list[tuple[str, Folder]]:
+    """Return the folders in `folder` that hold a view and all more files, or else `folder` itself."""
+
+    def whole(scene: Folder) -> bool:
+        return scene.file(left, right) is not None and all(map(scene.file, more))
+
+    found = [scene for scene in folder.folders if whole(scene)]
+    if not found and whole(folder):
         found = [folder]
     return [(scene.name, scene) for scene in found]
 

@@ -26,11 +26,17 @@ def find(folder: Folder) -> list[Sample]:
         return []
     lefts, rights = _images(folder / "left"), _images(folder / "right")
     truths = _images(only_one(folder, ["disparity", "truth"], "keep one of them"))
-    _refuse(folder, lefts.keys() - rights.keys(), "in left and not in right")
-    _refuse(folder, rights.keys() - lefts.keys(), "in right and not in left")
-    _refuse(folder, truths.keys() - lefts.keys(), "a truth without a pair")
     calibration = folder.file("calib.txt")
-    return [Sample(name, left, rights[name], truths.get(name), calibration) for name, left in lefts.items()]
+
+    def view(side: str, there: dict[str, Path], name: str) -> Path:
+        # One that is missing is looked for beside the others, under the name of what is there.
+        other = lefts.get(name) or rights.get(name) or truths[name]
+        return there.get(name, folder.path / side / f"{name}{other.suffix}")
+
+    return [
+        Sample(name, view("left", lefts, name), view("right", rights, name), truths.get(name), calibration)
+        for name in sorted({*lefts, *rights, *truths})
+    ]
 
 
 def _images(root: Folder) -> dict[str, Path]:
@@ -46,9 +52,3 @@ def _images(root: Folder) -> dict[str, Path]:
                 raise ValueError(f"{found[name]} and {folder.path / file} have the same name")
             found[name] = folder.path / file
     return found
-
-
-def _refuse(folder: Folder, names: set[str], what: str) -> None:
-    if names:
-        some = ", ".join(sorted(names)[:5]) + (", ..." if len(names) > 5 else "")
-        raise ValueError(f"{folder.path}: {len(names)} {'is' if len(names) == 1 else 'are'} {what}: {some}")

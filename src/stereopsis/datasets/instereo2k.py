@@ -8,8 +8,8 @@ two truths agree.
 
 from __future__ import annotations
 
-from stereopsis.datasets.folder import Folder, right_view
-from stereopsis.datasets.readers import Consistent, Scaled
+from stereopsis.datasets.folder import Folder
+from stereopsis.datasets.readers import Scaled, consistent
 from stereopsis.datasets.sample import Sample
 
 NAME = "InStereo2K"
@@ -26,13 +26,12 @@ def find(folder: Folder) -> list[Sample]:
 
 
 def _sample(name: str, scene: Folder) -> Sample:
-    left = scene.path / "left.png"
     truth, other = scene.path / "left_disp.png", scene.file("right_disp.png")
     return Sample(
         name,
-        left,
-        right_view(left, scene, "right.png"),
+        scene.path / "left.png",
+        scene.path / "right.png",
         truth,
-        read_mask=Consistent(truth, other, _TRUTH) if other else None,
+        read_mask=consistent(truth, other, _TRUTH),
         read_truth=_TRUTH,
     )

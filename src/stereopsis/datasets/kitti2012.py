@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stereopsis import io
-from stereopsis.datasets.folder import Folder, right_view
+from stereopsis.datasets.folder import Folder, in_either
 from stereopsis.datasets.kitti2015 import parts
 from stereopsis.datasets.readers import Known
 from stereopsis.datasets.sample import Sample
@@ -33,7 +33,7 @@ def find(folder: Folder) -> list[Sample]:
 def _pairs(root: Folder) -> Iterator[Sample]:
     colour = bool(root / "colored_0")
     lefts, rights = ("colored_0", "colored_1") if colour else ("image_0", "image_1")
-    for file in (root / lefts).files:
+    for file in in_either(root / lefts, root / rights):
         if not file.endswith("_10.png"):
             continue
         left = root.path / lefts / file
@@ -42,7 +42,7 @@ def _pairs(root: Folder) -> Iterator[Sample]:
         yield Sample(
             left.stem,
             left,
-            right_view(left, root / rights, file),
+            root.path / rights / file,
             every or visible,
             (root / "calib").file(f"{left.stem.removesuffix('_10')}.txt"),
             read_mask=Known(visible) if every and visible else None,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from stereopsis.datasets.folder import Folder, right_view
+from stereopsis.datasets.folder import Folder, in_either
 from stereopsis.datasets.readers import Known
 from stereopsis.datasets.sample import Sample
 
@@ -32,7 +32,7 @@ def parts(folder: Folder) -> Iterator[Folder]:
 
 
 def _pairs(root: Folder) -> Iterator[Sample]:
-    for file in (root / "image_2").files:
+    for file in in_either(root / "image_2", root / "image_3"):
         # The second frames, NAME_11, have no truth of their own.
         if not file.endswith("_10.png"):
             continue
@@ -42,7 +42,7 @@ def _pairs(root: Folder) -> Iterator[Sample]:
         yield Sample(
             left.stem,
             left,
-            right_view(left, root / "image_3", file),
+            root.path / "image_3" / file,
             every or visible,
             (root / "calib_cam_to_cam").file(f"{left.stem.removesuffix('_10')}.txt"),
             read_mask=Known(visible) if every and visible else None,

@@ -8,7 +8,7 @@ unknown. The test scenes have neither.
 
 from __future__ import annotations
 
-from stereopsis.datasets.folder import Folder, only_one, right_view, scenes
+from stereopsis.datasets.folder import Folder, only_one, scenes
 from stereopsis.datasets.readers import White
 from stereopsis.datasets.sample import Sample
 
@@ -32,17 +32,17 @@ def find(folder: Folder) -> list[Sample]:
 def listed(root: Folder, truths: Folder | None = None) -> list[Sample]:
     """List the scenes of this layout, which is ETH3D's too; their truths may be in folders of their own."""
     return [
-        _sample(name, scene, (truths / name) if truths else scene) for name, scene in scenes(root, "im0.png")
+        _sample(name, scene, (truths / name) if truths else scene)
+        for name, scene in scenes(root, "im0.png", "im1.png")
     ]
 
 
 def _sample(name: str, scene: Folder, truth: Folder) -> Sample:
-    left = scene.path / "im0.png"
     mask = truth.file("mask0nocc.png")
     return Sample(
         name,
-        left,
-        right_view(left, scene, "im1.png"),
+        scene.path / "im0.png",
+        scene.path / "im1.png",
         truth.file("disp0GT.pfm"),
         scene.file("calib.txt"),
         read_mask=White(mask) if mask else None,

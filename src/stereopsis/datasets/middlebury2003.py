@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from stereopsis import io
-from stereopsis.datasets.folder import Folder, right_view
-from stereopsis.datasets.readers import Consistent, integers
+from stereopsis.datasets.folder import Folder
+from stereopsis.datasets.readers import consistent, integers
 from stereopsis.datasets.sample import Sample
 from stereopsis.types import DisparityMap
 
@@ -45,15 +45,16 @@ def find(folder: Folder) -> list[Sample]:
 
 def _scene(scene: Folder) -> Iterator[Sample]:
     for left_name, right_name, truth_name, other_name in _FILES:
-        left, truth = _file(scene, left_name), _file(scene, truth_name)
-        if left and truth:
+        view = _file(scene, left_name) or _file(scene, right_name)
+        truth = _file(scene, truth_name)
+        if view and truth:
             other = _file(scene, other_name) if other_name else None
             yield Sample(
                 scene.name,
-                left,
-                right_view(left, scene, f"{right_name}{left.suffix}"),
+                view.with_name(f"{left_name}{view.suffix}"),
+                view.with_name(f"{right_name}{view.suffix}"),
                 truth,
-                read_mask=Consistent(truth, other, read_truth) if other else None,
+                read_mask=consistent(truth, other, read_truth),
                 read_truth=read_truth,
             )
             return

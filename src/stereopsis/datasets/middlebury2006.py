@@ -18,8 +18,8 @@ import numpy as np
 
 from stereopsis import io
 from stereopsis._files import read
-from stereopsis.datasets.folder import Folder, only_one, right_view
-from stereopsis.datasets.readers import Consistent, integers
+from stereopsis.datasets.folder import Folder, only_one
+from stereopsis.datasets.readers import consistent, integers
 from stereopsis.datasets.sample import Sample
 from stereopsis.io._errors import naming
 from stereopsis.io.calibration import MAX_BYTES
@@ -45,18 +45,17 @@ def find(folder: Folder) -> list[Sample]:
 def _scene(scene: Folder) -> Iterator[Sample]:
     exposures = [exposure for light in scene.folders for exposure in light.folders]
     for images in (scene, *exposures):
-        left = images.file("view1.png")
-        if left is None:
+        if images.file("view1.png", "view5.png") is None:
             continue
         truth, other = scene.file("disp1.png"), scene.file("disp5.png")
         below = images.path.relative_to(scene.path).as_posix()
         yield Sample(
             scene.name if images is scene else f"{scene.name}/{below}",
-            left,
-            right_view(left, images, "view5.png"),
+            images.path / "view1.png",
+            images.path / "view5.png",
             truth,
             scene.file("dmin.txt"),
-            read_mask=Consistent(truth, other, read_truth) if truth and other else None,
+            read_mask=consistent(truth, other, read_truth),
             read_truth=read_truth,
             read_calibration=read_calibration,
         )

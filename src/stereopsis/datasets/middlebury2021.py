@@ -8,8 +8,8 @@ truth is PFM, infinite where unknown. Both cameras see the pixels in which the t
 
 from __future__ import annotations
 
-from stereopsis.datasets.folder import Folder, right_view, scenes
-from stereopsis.datasets.readers import Consistent
+from stereopsis.datasets.folder import Folder, scenes
+from stereopsis.datasets.readers import consistent
 from stereopsis.datasets.sample import Sample
 
 NAME = "Middlebury 2014/2021"
@@ -18,18 +18,17 @@ LAYOUT = "SCENE/im0.png, im1.png, disp0.pfm, disp1.pfm, calib.txt, here or in da
 
 def find(folder: Folder) -> list[Sample]:
     """List the scenes of a folder, none if it is laid out otherwise."""
-    found = [scenes(root, "im0.png", "disp0.pfm") for root in (folder, folder / "data")]
+    found = [scenes(root, "im0.png", "im1.png", "disp0.pfm") for root in (folder, folder / "data")]
     return [_sample(name, scene) for name, scene in found[0] or found[1]]
 
 
 def _sample(name: str, scene: Folder) -> Sample:
-    left = scene.path / "im0.png"
     truth, other = scene.path / "disp0.pfm", scene.file("disp1.pfm")
     return Sample(
         name,
-        left,
-        right_view(left, scene, "im1.png"),
+        scene.path / "im0.png",
+        scene.path / "im1.png",
         truth,
         scene.file("calib.txt"),
-        read_mask=Consistent(truth, other) if other else None,
+        read_mask=consistent(truth, other),
     )

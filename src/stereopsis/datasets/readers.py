@@ -94,6 +94,13 @@ class Consistent:
         return seen
 
 
+def consistent(
+    left: Path | None, right: Path | None, read: ReadTruth = io.read_disparity
+) -> Consistent | None:
+    """The mask that two truths give; None where one of them is missing."""
+    return Consistent(left, right, read) if left and right else None
+
+
 def integers(file: Path, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
     """Read a grey image of this type."""
     image = io.read_image(file)

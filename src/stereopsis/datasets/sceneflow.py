@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from stereopsis.datasets.folder import Folder, right_view
-from stereopsis.datasets.readers import Consistent
+from stereopsis.datasets.folder import Folder, in_either
+from stereopsis.datasets.readers import consistent
 from stereopsis.datasets.sample import Sample
 from stereopsis.types import Calibration
 
@@ -46,8 +46,9 @@ def find(folder: Folder) -> list[Sample]:
 
 def _pass(frames: Folder, truths: Folder, prefix: str) -> Iterator[Sample]:
     for name, scene in frames.walk(4):
-        lefts, truth_scene = scene / "left", truths.below(filter(None, name.split("/")))
-        for file in lefts.files:
+        lefts, rights = scene / "left", scene / "right"
+        truth_scene = truths.below(filter(None, name.split("/")))
+        for file in in_either(lefts, rights):
             left = lefts.path / file
             if left.suffix not in (".png", ".webp"):
                 continue
@@ -56,9 +57,9 @@ def _pass(frames: Folder, truths: Folder, prefix: str) -> Iterator[Sample]:
             yield Sample(
                 "/".join(filter(None, (*prefix.split("/"), name, left.stem))),
                 left,
-                right_view(left, scene / "right", file),
+                rights.path / file,
                 truth,
-                read_mask=Consistent(truth, other) if truth and other else None,
+                read_mask=consistent(truth, other),
                 geometry=Calibration(
                     focal=450.0 if "15mm_focallength" in lefts.path.parts else 1050.0,
                     cx=479.5,

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from stereopsis import io
-from stereopsis.datasets.folder import Folder, right_view
+from stereopsis.datasets.folder import Folder, in_either
 from stereopsis.datasets.readers import grey
 from stereopsis.datasets.sample import Mask, Sample
 from stereopsis.types import DisparityMap
@@ -40,7 +40,8 @@ def find(folder: Folder) -> list[Sample]:
 
 def _pass(root: Folder, name: str, prefix: str) -> Iterator[Sample]:
     for scene in (root / f"{name}_left").folders:
-        for file in scene.files:
+        rights = root / f"{name}_right" / scene.name
+        for file in in_either(scene, rights):
             left = scene.path / file
             if left.suffix != ".png":
                 continue
@@ -49,7 +50,7 @@ def _pass(root: Folder, name: str, prefix: str) -> Iterator[Sample]:
             yield Sample(
                 f"{prefix}{scene.name}/{left.stem}",
                 left,
-                right_view(left, root / f"{name}_right" / scene.name, file),
+                rights.path / file,
                 (root / "disparities" / scene.name).file(file),
                 read_mask=Black(there) if len(there) == 2 else None,
                 read_truth=read_truth,

@@ -106,8 +106,6 @@ def _sample(table: Path, number: int, row: Mapping[str, Any]) -> Sample:
     for column in _PATHS:
         if text.get(column):
             files[column] = table.parent / text[column]
-            if not files[column].is_file():
-                raise wrong(column, f"there is no file {files[column]}")
     for column in ("left", "right"):
         if column not in files:
             raise wrong(column, "it is empty")

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from stereopsis.datasets.folder import Folder, right_view
-from stereopsis.datasets.readers import Consistent, FromDepth
+from stereopsis.datasets.folder import Folder, in_either
+from stereopsis.datasets.readers import FromDepth, consistent
 from stereopsis.datasets.sample import Sample
 from stereopsis.types import Calibration
 
@@ -46,7 +46,7 @@ def find(folder: Folder) -> list[Sample]:
 def _frames(roots: list[Folder], scene: str, variation: Folder) -> Iterator[Sample]:
     images = variation / "frames" / "rgb"
     depths = [root / scene / variation.name / "frames" / "depth" for root in roots]
-    for file in (images / "Camera_0").files:
+    for file in in_either(images / "Camera_0", images / "Camera_1"):
         left = images.path / "Camera_0" / file
         if left.suffix not in (".jpg", ".png"):
             continue
@@ -55,9 +55,9 @@ def _frames(roots: list[Folder], scene: str, variation: Folder) -> Iterator[Samp
         yield Sample(
             f"{scene}/{variation.name}/{number}",
             left,
-            right_view(left, images / "Camera_1", file),
+            images.path / "Camera_1" / file,
             truth,
-            read_mask=Consistent(truth, other, _TRUTH) if truth and other else None,
+            read_mask=consistent(truth, other, _TRUTH),
             read_truth=_TRUTH,
             geometry=GEOMETRY,
         )

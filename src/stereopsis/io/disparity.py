@@ -116,7 +116,7 @@ def encode_disparity(disparity: DisparityMap, format: str) -> tuple[bytes, Dispa
         return _encode(disparity, format), disparity
     depth = np.uint8 if format.startswith("middlebury") else np.uint16
     fixed = _fixed_point(disparity, divisor, np.dtype(depth))
-    return png.encode(fixed), _from_fixed_point(fixed, divisor)
+    return png.encode_map(fixed), _from_fixed_point(fixed, divisor)
 
 
 def check_disparity(disparity: DisparityMap) -> DisparityMap:

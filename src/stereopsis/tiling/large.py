@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -169,6 +170,7 @@ def prepare(
     settings: Settings | None = None,
     *,
     memory: int | str = "2GiB",
+    resident: int | None = None,
     progress: Progress | None = None,
 ) -> Job:
     """What `match` finds before the first tile; the tiles can then be spread over workers.
@@ -179,6 +181,9 @@ def prepare(
         As for `match`.
     memory : int or str
         The most that each process may take.
+    resident : int, optional
+        Bytes of that which each takes without a tile, so that the tiles are the same wherever they are laid
+        out; by default what this process takes now.
 
     Returns
     -------
@@ -190,7 +195,7 @@ def prepare(
     >>> assemble(job, pool.imap_unordered(job.match, range(len(job))), "out.tif")  # doctest: +SKIP
     """
     with ExitStack() as stack:
-        return _prepare(left, right, settings, memory, progress or (lambda *_: None), stack)[1]
+        return _prepare(left, right, settings, memory, progress or (lambda *_: None), stack, resident)[1]
 
 
 def assemble(
@@ -223,13 +228,17 @@ def assemble(
     return _assemble(job, pieces, _outputs((job.left, job.right), output, confidence, flags))
 
 
-def whole_fits(left: StrPath, right: StrPath, settings: Settings, memory: int | str) -> tuple[bool, int]:
+def whole_fits(
+    left: StrPath, right: StrPath, settings: Settings, memory: int | str, *, resident: int | None = None
+) -> tuple[bool, int]:
     """Whether a pair can be matched at once within so much memory, and what of it that takes.
 
     Parameters
     ----------
     left, right, settings, memory
         As for `match`.
+    resident : int, optional
+        As for `prepare`.
 
     Returns
     -------
@@ -240,12 +249,12 @@ def whole_fits(left: StrPath, right: StrPath, settings: Settings, memory: int | 
     reach.check(settings)
     with ExitStack() as stack:
         limit = memory_.as_bytes(memory)
-        sources = _open(left, right, limit, stack)
+        sources, taken = _open(left, right, limit, stack, resident)
         shape, channels = sources[0].shape, _channels(sources[0])
         chosen = settings.changed(disparities=settings.disparities or (0, max(1, shape[1] // 4)))
         chosen = chosen.changed(vertical=1.0 if chosen.vertical == "estimate" else chosen.vertical)
         per_pixel = memory_.needed(chosen, sources[0].dtype, channels)
-        needed = memory_.resident() + SPARE + int(shape[0] * shape[1] * per_pixel)
+        needed = taken + SPARE + int(shape[0] * shape[1] * per_pixel)
     return needed <= limit, needed
 
 
@@ -256,20 +265,22 @@ def _prepare(
     memory: int | str,
     told: Progress,
     stack: ExitStack,
+    resident: int | None = None,
 ) -> tuple[tuple[files.Parts, files.Parts], Job]:
     chosen = named(DEFAULT_PRESET) if settings is None else settings
     reach.refuse(chosen)
     limit = memory_.as_bytes(memory)
     told(0, 0, "opening")
-    sources = _open(left, right, limit, stack)
-    room = limit - memory_.resident() - SPARE
+    sources, taken = _open(left, right, limit, stack, resident)
+    room = limit - taken - SPARE
     known = survey(
         *sources,
         chosen,
         band=min(BAND, max(2**16, room // SURVEYED)),
         progress=lambda what: told(0, 0, what),
     )
-    room = min(room, limit - memory_.resident() - SPARE)
+    if resident is None:
+        room = min(room, limit - memory_.resident() - SPARE)
     dtype, channels = sources[0].dtype, _channels(sources[0])
     per_pixel = memory_.needed(known.settings, dtype, channels)
 
@@ -285,22 +296,28 @@ def _prepare(
     return sources, Job(os.fspath(left), os.fspath(right), known, laid)
 
 
-def _open(left: StrPath, right: StrPath, limit: int, stack: ExitStack) -> tuple[files.Parts, files.Parts]:
-    opened = []
+def _open(
+    left: StrPath, right: StrPath, limit: int, stack: ExitStack, resident: int | None
+) -> tuple[tuple[files.Parts, files.Parts], int]:
+    """Both images, and what the process takes with them: what it takes now, or what it is said to."""
+    opened: list[files.Parts] = []
+    held = 0
     for path in (left, right):
         decoding = files.opening(path)
-        needed = memory_.resident() + SPARE + decoding
+        needed = (memory_.resident() if resident is None else resident + held) + SPARE + decoding
         if decoding and needed > limit:
             raise ValueError(
                 f"memory must be at least {needed / 2**20:.0f} MiB to decode {path} whole, not "
                 f"{limit / 2**20:.0f} MiB; a TIFF, NPY or Zarr file is read in parts"
             )
         opened.append(stack.enter_context(files.open_parts(path)))
+        if decoding:
+            held += math.prod(opened[-1].shape) * opened[-1].dtype.itemsize
     first, second = opened
     if first.shape != second.shape or first.dtype != second.dtype:
         sides = [f"{path} is {_kind(image)}" for path, image in ((left, first), (right, second))]
         raise ValueError(f"the images of a pair must be alike: {sides[0]}, {sides[1]}")
-    return first, second
+    return (first, second), memory_.resident() if resident is None else resident + held
 
 
 def _kind(image: files.Parts) -> str:

@@ -182,4 +182,6 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
         stages.append(30 + narrow)
     if settings.confidence is not None:
         stages.append(33)
+    if settings.outlines:
+        stages.append(8 + narrow)
     return max(stages)

@@ -73,6 +73,8 @@ def halo(settings: Settings) -> Halo:
         found = found.then(smooth.edge_aware_halo(settings.edge_aware[0]))
     if settings.confidence is not None:
         found = _bounded(found, fill.ALONG_ROWS, settings).then(confidence.HALO)
+    if settings.outlines:
+        found = found.then(fill.OUTLINES_HALO)
     return found
 
 

@@ -163,7 +163,7 @@ def _texture(whole: _Pair) -> float:
 
 def _takes_levels(chosen: Settings) -> bool:
     contrast = isinstance(chosen.optimize, sgm.SGM) and chosen.optimize.contrast is not None
-    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast
+    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or chosen.confidence is not None
 
 
 def _limits(whole: _Pair, vertical: Vertical | None, frame: Frame) -> tuple[int, int, int, int]:
@@ -238,7 +238,13 @@ def _level(chosen: Settings) -> Settings:
     if subpixel not in (None, "parabola", "equiangular"):
         subpixel = "parabola" if subpixel.startswith("lucas-kanade") else None
     level = chosen.changed(
-        slant=None, extra_windows=(), subpixel=subpixel, confidence=None, least_confidence=None, **off
+        slant=None,
+        extra_windows=(),
+        subpixel=subpixel,
+        confidence=None,
+        least_confidence=None,
+        outlines=False,
+        **off,
     )
     if isinstance(chosen.optimize, sgm.SGM):
         return level

@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 from fastapi import FastAPI, Query, Request, Response
 from fastapi import Path as InPath
 from fastapi.exceptions import RequestValidationError
@@ -227,14 +228,15 @@ def _add_scenes(app: FastAPI, session: Session) -> None:
         array = getattr(session.scene(key).scene, side)
         if array is None:
             raise GoneError(f"this scene has no {side}")
-        return _raw(np.ascontiguousarray(array).data.cast("B"))
+        return _raw(array)
 
 
 def _of(kind: str) -> dict[str, Any]:
     return {"content": {kind: {"schema": {"type": "string", "format": "binary"}}}}
 
 
-def _raw(data: bytes | memoryview) -> Response:
+def _raw(array: npt.NDArray[Any]) -> Response:
+    data = np.ascontiguousarray(array).data.cast("B")
     return Response(data, media_type="application/octet-stream", headers=FOREVER)
 
 
@@ -309,10 +311,7 @@ def _add_results(app: FastAPI, session: Session) -> None:
     )
     async def array(key: Key, name: Literal["disparity", "confidence", "error", "flags"]) -> Response:
         """A result's array: float32, of flags uint8."""
-        found = session.result(key).arrays.get(name)
-        if found is None:
-            raise GoneError(f"this result has no {name}")
-        return _raw(found)
+        return _raw(session.array(key, name))
 
     @app.get("/api/results/{key}/cost")
     async def cost(

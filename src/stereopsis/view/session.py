@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy.typing as npt
+
 from stereopsis.settings import Settings
 from stereopsis.types import Calibration, Disparities
 from stereopsis.view import choice
@@ -63,7 +65,7 @@ class Kept:
     scene: str
     used: Settings | None
     answer: dict[str, Any]
-    arrays: Mapping[str, bytes]
+    arrays: Mapping[str, npt.NDArray[Any]]
 
 
 class Session:
@@ -235,7 +237,7 @@ class Session:
         opened: Opened,
         asked: Settings | None,
         facts: dict[str, Any],
-        arrays: Mapping[str, bytes],
+        arrays: Mapping[str, npt.NDArray[Any]],
     ) -> dict[str, Any]:
         used: Settings | None = facts.pop("used")
         height, width = opened.scene.shape
@@ -247,13 +249,13 @@ class Session:
             "height": height,
             "disparities": list(ranges),
             "settings": {} if used is None else used.to_dict(),
-            "arrays": list(arrays),
+            "arrays": [*arrays, *(["error"] if opened.scene.truth is not None else [])],
             "command": "" if asked is None else opened.first + choice.command(asked, *opened.files),
             "python": "" if asked is None else choice.python(asked, *opened.files),
             "toml": "" if asked is None else asked.to_toml(),
             **facts,
         }
-        size = sum(map(len, arrays.values()))
+        size = sum(array.nbytes for array in arrays.values())
         self._results.put(key, Kept(opened.key, used, answer, arrays), size)
         return answer
 
@@ -262,6 +264,18 @@ class Session:
         found = self._results.get(key)
         if found is None:
             raise GoneError("this result is not kept any more: compute it again")
+        return found
+
+    def array(self, key: str, name: str) -> npt.NDArray[Any]:
+        """An array of a result, or its error; raises `GoneError`."""
+        kept = self.result(key)
+        if name == "error":
+            truth = self.scene(kept.scene).scene.truth
+            found = None if truth is None else kept.arrays["disparity"] - truth
+        else:
+            found = kept.arrays.get(name)
+        if found is None:
+            raise GoneError(f"this result has no {name}")
         return found
 
     async def curve(self, key: str, x: int, y: int) -> dict[str, Any]:

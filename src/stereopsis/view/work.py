@@ -20,7 +20,7 @@ from stereopsis.types import Calibration, Disparities, DisparityMap, Image
 from stereopsis.view.curve import curve
 from stereopsis.view.sources import Files, Scene, Source, Street
 
-Arrays = dict[str, bytes]
+Arrays = dict[str, npt.NDArray[Any]]
 Facts = dict[str, Any]
 
 
@@ -147,8 +147,8 @@ def matched(scene: Scene, chosen: Settings) -> tuple[Facts, Arrays]:
         "density": result.density,
         "used": result.settings,
     }
-    arrays = {"confidence": result.confidence.tobytes(), "flags": result.flags.tobytes()}
-    return _scored(scene, result.disparity, facts, arrays)
+    arrays: Arrays = {"disparity": result.disparity, "confidence": result.confidence, "flags": result.flags}
+    return {**facts, "scores": _scores(scene, result.disparity)}, arrays
 
 
 def given(scene: Scene) -> tuple[Facts, Arrays]:
@@ -156,16 +156,11 @@ def given(scene: Scene) -> tuple[Facts, Arrays]:
     assert scene.disparity is not None
     density = float(np.mean(np.isfinite(scene.disparity)))
     facts = {"seconds": 0.0, "stages": {}, "path": "opened", "density": density, "used": None}
-    return _scored(scene, scene.disparity, facts, {})
+    return {**facts, "scores": _scores(scene, scene.disparity)}, {"disparity": scene.disparity}
 
 
-def _scored(scene: Scene, disparity: DisparityMap, facts: Facts, arrays: Arrays) -> tuple[Facts, Arrays]:
-    facts["scores"] = None
-    arrays["disparity"] = disparity.tobytes()
-    if scene.truth is not None:
-        facts["scores"] = evaluate(disparity, scene.truth, scene.mask).to_dict()
-        arrays["error"] = (disparity - scene.truth).tobytes()
-    return facts, arrays
+def _scores(scene: Scene, disparity: DisparityMap) -> Facts | None:
+    return None if scene.truth is None else evaluate(disparity, scene.truth, scene.mask).to_dict()
 
 
 def picture(scene: Scene, side: str) -> bytes:
@@ -185,10 +180,11 @@ def _eight_bits(image: Image) -> npt.NDArray[np.uint8]:
     return grey
 
 
-def download(scene: Scene, disparity: bytes, calibration: Calibration, name: str) -> bytes:
+def download(scene: Scene, disparity: DisparityMap, calibration: Calibration, name: str) -> bytes:
     """A map as the file that its name asks for."""
-    found = np.frombuffer(disparity, np.float32).reshape(scene.shape)
-    return _file(name, lambda path: io.write_output(path, found, image=scene.left, calibration=calibration))
+    return _file(
+        name, lambda path: io.write_output(path, disparity, image=scene.left, calibration=calibration)
+    )
 
 
 def _file(name: str, write: Callable[[Path], None]) -> bytes:

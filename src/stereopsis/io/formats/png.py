@@ -44,7 +44,10 @@ class _Header(NamedTuple):
 
 
 LEVEL = 4
-"""Of compression: a disparity map takes a third of the time of the usual 6, and a hundredth more room."""
+"""Of compression: takes a third of the time of the usual 6, and a hundredth more room."""
+
+# libpng's names of filters.
+_NONE, _PAETH = 0x08, 0x80
 
 
 def decode(data: bytes) -> npt.NDArray[Any]:
@@ -82,6 +85,18 @@ def encode(pixels: npt.NDArray[Any]) -> bytes:
     import imagecodecs
 
     return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels), level=LEVEL))
+
+
+def encode_map(values: npt.NDArray[Any]) -> bytes:
+    """Encode the uint8 or uint16 values of a map, ``(H, W)``: smooth parts, and runs of what is unknown.
+
+    What repeats in such a map are runs. Looking for more takes twice the time, and finds less than Paeth's
+    filter does.
+    """
+    import imagecodecs
+
+    rows = np.ascontiguousarray(values)
+    return bytes(imagecodecs.png_encode(rows, strategy=zlib.Z_RLE, filter=_NONE | _PAETH))
 
 
 def _header(chunk: tuple[bytes, memoryview, memoryview], stored: int) -> _Header:

@@ -30,6 +30,12 @@ function say(sentence) {
   $("alert").querySelector("p").textContent = sentence ?? "";
 }
 
+/** Go on once what was drawn is on the screen: when the next frame begins. */
+function onScreen(then) {
+  if (document.hidden) setTimeout(then);
+  else requestAnimationFrame(() => requestAnimationFrame(then));
+}
+
 async function start() {
   $("alert").querySelector("button").addEventListener("click", () => say(null));
   const [info, list] = await Promise.all([getJSON("/api/info"), getJSON("/api/samples")]);
@@ -284,15 +290,15 @@ async function start() {
     say(null);
     stage.look = look();
     if (state.tab === "maps") stage.drawNow();
-    if (since) requestAnimationFrame(() => setTimeout(() => {
-      const took = performance.now() - since;
-      document.documentElement.dataset.latency = took.toFixed(1);
-      $("summary").textContent = `${summary(result)} On screen after ${took.toFixed(0)} ms.`;
-    }));
     document.documentElement.dataset.result = result.result;
     $("summary").textContent = summary(result);
-    setTimeout(() => {
+    onScreen(() => {
       if (session.result !== result) return;
+      if (since) {
+        const took = performance.now() - since;
+        document.documentElement.dataset.latency = took.toFixed(1);
+        $("summary").textContent = `${summary(result)} On screen after ${took.toFixed(0)} ms.`;
+      }
       listLayers();
       legends();
       // A slider that has moved on since is not put back.
@@ -308,6 +314,7 @@ async function start() {
       read();
       curve();
       space.changed();
+      document.documentElement.dataset.told = result.result;
     });
   });
   session.addEventListener("arrays", () => {

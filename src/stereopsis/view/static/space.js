@@ -8,8 +8,8 @@ import {
 const MOST_POINTS = 4e6;
 
 /** While the view moves, a frame should take so many milliseconds; else only a part of the points is drawn. */
-const FLUENT = 45;
-const LEAST_PART = 1 / 16;
+const FLUENT = 33;
+const LEAST_PART = 1 / 32;
 const REST = 250;
 
 /** Every so many-th pixel of both directions comes first, then those between: any first part is spread evenly. */
@@ -240,8 +240,8 @@ export class Space {
     const now = performance.now();
     if (this.#drawn) this.#pace += 0.4 * (Math.min(now - this.#drawn, 1000) - this.#pace);
     this.#drawn = now;
-    if (this.#pace > 1.3 * FLUENT) this.#part = Math.max(this.#part / 2, LEAST_PART);
-    else if (this.#pace < FLUENT / 2) this.#part = Math.min(this.#part * 1.1, 1);
+    if (this.#pace > 1.1 * FLUENT) this.#part = Math.max(this.#part / 2, LEAST_PART);
+    else if (this.#pace < 0.6 * FLUENT) this.#part = Math.min(this.#part * 1.1, 1);
     this.#show(this.#part);
     const gl = this.renderer.getContext();
     if (this.#fence) gl.deleteSync(this.#fence);

@@ -86,15 +86,16 @@ export class Viewport extends EventTarget {
         return;
       }
       const [before, now] = [down.get(event.pointerId), at(event)];
-      const scale = this.scale(pane);
       if (down.size === 2) {
         const other = [...down.entries()].find(([id]) => id !== event.pointerId)[1];
         const reach = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
         travelled = Infinity;
-        this.zoomBy(reach(now) / Math.max(reach(before), 1), this.fromPane(pane, [(now[0] + other[0]) / 2, (now[1] + other[1]) / 2]));
+        // What lay between the fingers stays between them.
+        this.zoomBy(reach(now) / Math.max(reach(before), 1), this.fromPane(pane, [(before[0] + other[0]) / 2, (before[1] + other[1]) / 2]));
+        this.#pan(pane, [(now[0] - before[0]) / 2, (now[1] - before[1]) / 2]);
       } else {
         travelled += Math.hypot(now[0] - before[0], now[1] - before[1]);
-        if (travelled > 4) this.set(this.zoom, [this.centre[0] - (now[0] - before[0]) / scale, this.centre[1] - (now[1] - before[1]) / scale]);
+        if (travelled > 4) this.#pan(pane, [now[0] - before[0], now[1] - before[1]]);
       }
       down.set(event.pointerId, now);
     });
@@ -104,8 +105,15 @@ export class Viewport extends EventTarget {
     };
     pane.addEventListener("pointerup", up);
     pane.addEventListener("pointercancel", up);
+    // One finger may scroll the page; two never do.
+    pane.addEventListener("touchmove", (event) => event.touches.length > 1 && event.cancelable && event.preventDefault(), { passive: false });
     pane.addEventListener("pointerleave", () => this.#tell("hover", null, pane));
     pane.addEventListener("dblclick", (event) => this.zoomBy(event.shiftKey ? 0.5 : 2, this.fromPane(pane, at(event))));
+  }
+
+  #pan(pane, [x, y]) {
+    const scale = this.scale(pane);
+    this.set(this.zoom, [this.centre[0] - x / scale, this.centre[1] - y / scale]);
   }
 
   #tell(type, pixel, pane) {

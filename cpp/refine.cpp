@@ -11,25 +11,27 @@ namespace stereopsis {
 
 namespace {
 
-// Rows of the map in turn, with no value on either side of them, nor above the first and below the last.
+// Rows of the map in turn, with no value beyond its edges.
 class Padded {
  public:
-  Padded(const float* map, int height, int width)
-      : map_(map), height_(height), width_(width), rows_(3, std::vector<float>(width + 2, kNone)) {}
-  // The row from the column before its first; three rows in turn are there at once.
+  // So many rows in turn are there at once, with a margin to match.
+  Padded(const float* map, int height, int width, int side)
+      : map_(map), height_(height), width_(width), margin_(side / 2),
+        rows_(side, std::vector<float>(width + 2 * margin_ + kRowRoom, kNone)) {}
+  // The row from its margin on.
   const float* row(int y) {
-    std::vector<float>& row = rows_[(y + 3) % 3];
+    std::vector<float>& row = rows_[(y + rows_.size()) % rows_.size()];
     if (y < 0 || y >= height_)
       std::fill(row.begin(), row.end(), kNone);
     else
-      std::copy_n(map_ + static_cast<size_t>(y) * width_, width_, row.begin() + 1);
+      std::copy_n(map_ + static_cast<size_t>(y) * width_, width_, row.begin() + margin_);
     return row.data();
   }
 
  private:
   static constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
   const float* map_;
-  const int height_, width_;
+  const int height_, width_, margin_;
   std::vector<std::vector<float>> rows_;
 };
 
@@ -39,14 +41,18 @@ void median(const float* disparity, int height, int width, int size, float* filt
             const Workers& workers) {
   const int before = size / 2, after = size - 1 - before;
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    if (size == 3) {
-      Padded map(disparity, height, width);
-      const float *above = map.row(begin - 1), *here = map.row(begin);
+    if (size == 3 || size == 5) {
+      Padded map(disparity, height, width, size);
+      std::vector<const float*> rows(1);
+      for (int y = begin - before; y < begin + after; ++y) rows.push_back(map.row(y));
       for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
-        const float* below = map.row(y + 1);
-        kernels.median_of_nine(above, here, below, width, filtered + static_cast<size_t>(y) * width);
-        above = here;
-        here = below;
+        rows.erase(rows.begin());
+        rows.push_back(map.row(y + after));
+        float* const to = filtered + static_cast<size_t>(y) * width;
+        if (size == 3)
+          kernels.median_of_nine(rows[0], rows[1], rows[2], width, to);
+        else
+          kernels.median_of_25(rows.data(), width, to);
       }
       return;
     }

@@ -15,9 +15,14 @@ struct Windows {
   int height, width, rows;
 };
 
+// How many pixels beyond its margin a row must have room for.
+constexpr int kRowRoom = 64;
+
 struct RowKernels {
   // Median of those of nine pixels that have a value; the rows have a margin of one pixel.
   void (*median_of_nine)(const float* above, const float* here, const float* below, int width, float* filtered);
+  // The same of 25 pixels in five rows, which have a margin of two pixels.
+  void (*median_of_25)(const float* const* rows, int width, float* filtered);
   // The smaller eigenvalue of the summed products of gradients about (x, y) of the left image.
   double (*cornerness)(const Windows& windows, int x, int y);
   // As `track`, of one point.

@@ -43,6 +43,61 @@ static void median_of_nine(const float* STEREOPSIS_RESTRICT above, const float* 
   }
 }
 
+// Of kRowRoom pairs the lower and the higher ones.
+static STEREOPSIS_INLINE void order(float* STEREOPSIS_RESTRICT low, float* STEREOPSIS_RESTRICT high) {
+  for (int u = 0; u < kRowRoom; ++u) {
+    const float a = low[u], b = high[u];
+    low[u] = a < b ? a : b;
+    high[u] = a < b ? b : a;
+  }
+}
+
+// What has no value stands below all and above all in turn; how many there are of these.
+static STEREOPSIS_INLINE int take(const float* STEREOPSIS_RESTRICT from, float* STEREOPSIS_RESTRICT turn, float* STEREOPSIS_RESTRICT to) {
+  int holes = 0;
+  for (int u = 0; u < kRowRoom; ++u) {
+    const float value = from[u], end = turn[u];
+    to[u] = value == value ? value : end;
+    turn[u] = value == value ? end : -end;
+    holes += value == value ? 0 : 1;
+  }
+  return holes;
+}
+
+// The median of 25: of 14 the least and the greatest cannot be it, nor of the 13 that the next one makes of the others, and so on.
+static void median_of_25(const float* const* rows, int width, float* STEREOPSIS_RESTRICT filtered) {
+  constexpr float far = std::numeric_limits<float>::infinity();
+  constexpr int wide = kRowRoom, all = 25, kept = 14;
+  for (int x = 0; x < width; x += wide) {
+    float median[2][wide];
+    int holes = 0;
+    for (int side = 0; side < 2; ++side) {
+      // Of an odd number of holes the last one stands once below, once above: the two middle ones of what there is.
+      float value[kept][wide], turn[wide];
+      for (int u = 0; u < wide; ++u) turn[u] = side ? far : -far;
+      for (int k = 0; k < kept; ++k) holes += take(rows[k / 5] + x + k % 5, turn, value[k]);
+      for (int m = kept, next = kept;; --m) {
+        for (int i = 0; i < m / 2; ++i) order(value[i], value[m - 1 - i]);
+        for (int i = 1; i <= (m - 1) / 2; ++i) order(value[0], value[i]);
+        for (int i = m / 2; i < m - 1; ++i) order(value[i], value[m - 1]);
+        if (next == all) break;
+        holes += take(rows[next / 5] + x + next % 5, turn, value[0]);
+        ++next;
+      }
+      for (int u = 0; u < wide; ++u) median[side][u] = value[1][u];
+      if (holes == 0) {
+        for (int u = 0; u < wide; ++u) median[1][u] = value[1][u];
+        break;
+      }
+    }
+    const float* const here = rows[2] + x + 2;
+    for (int u = 0; u < std::min(wide, width - x); ++u) {
+      const float lower = median[0][u], upper = median[1][u], both = lower == upper ? lower : 0.5f * (lower + upper);
+      filtered[x + u] = here[u] == here[u] ? both : here[u];
+    }
+  }
+}
+
 // ---- windows of the usual width: kWide columns side by side, of which the last few count for nothing ---------------------
 
 constexpr int kWide = 16;
@@ -209,7 +264,7 @@ static void track(const Windows& windows, int x, int y, int iterations, double* 
 }  // namespace
 
 extern const RowKernels rows;
-const RowKernels rows = {median_of_nine, cornerness, track};
+const RowKernels rows = {median_of_nine, median_of_25, cornerness, track};
 
 }  // namespace STEREOPSIS_ISA
 }  // namespace stereopsis

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "simd.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
@@ -13,25 +14,48 @@ namespace {
 
 constexpr float kJump = 4;                  // between neighbours: an outline
 constexpr int kBeside = 2, kAround = 3;     // how far from an outline; and from a pixel the surfaces on either side
-constexpr int kStride = 3, kStrides = 4;    // where votes are taken: every third row and column, up to 12 pixels off
+constexpr int kStride = 4, kStrides = 3;    // where votes are taken: every fourth row and column, up to 12 pixels off
 
-// Whether the 3 x 3 pixels around each one of a row span more than kJump.
-void mark_jumps(const float* disparity, int height, int width, int y, std::vector<float>& low, std::vector<float>& high, uint8_t* jumps) {
-  constexpr float far = std::numeric_limits<float>::infinity();
-  std::fill(low.begin(), low.end(), far);
-  std::fill(high.begin(), high.end(), -far);
-  for (int v = std::max(0, y - 1); v <= std::min(height - 1, y + 1); ++v) {
-    const float* row = disparity + static_cast<size_t>(v) * width;
-    for (int x = 0; x < width; ++x) {
-      low[x + 1] = row[x] < low[x + 1] ? row[x] : low[x + 1];
-      high[x + 1] = row[x] > high[x + 1] ? row[x] : high[x + 1];
+// Whether there is an outline within kBeside columns of each pixel of a row: whether its 3 x 3 pixels span more than kJump.
+class Jumps {
+ public:
+  Jumps(const float* disparity, int height, int width)
+      : disparity_(disparity), height_(height), width_(width), low_(width + 2), high_(width + 2), jumps_(width + 2 * kBeside) {}
+
+  void mark(int y, uint8_t* STEREOPSIS_RESTRICT beside) {
+    constexpr float far = std::numeric_limits<float>::infinity();
+    std::fill(low_.begin(), low_.end(), far);
+    std::fill(high_.begin(), high_.end(), -far);
+    float *STEREOPSIS_RESTRICT const low = low_.data(), *STEREOPSIS_RESTRICT const high = high_.data();
+    for (int v = std::max(0, y - 1); v <= std::min(height_ - 1, y + 1); ++v) {
+      const float* STEREOPSIS_RESTRICT const row = disparity_ + static_cast<size_t>(v) * width_;
+      for (int x = 0; x < width_; ++x) {
+        low[x + 1] = row[x] < low[x + 1] ? row[x] : low[x + 1];
+        high[x + 1] = row[x] > high[x + 1] ? row[x] : high[x + 1];
+      }
+    }
+    uint8_t* STEREOPSIS_RESTRICT const jumps = jumps_.data();
+    for (int x = 0; x < width_; ++x) {
+      const float least = std::min(low[x], std::min(low[x + 1], low[x + 2]));
+      const float most = std::max(high[x], std::max(high[x + 1], high[x + 2]));
+      jumps[x + kBeside] = most - least > kJump;
+    }
+    for (int x = 0; x < width_; ++x) {
+      uint8_t any = 0;
+      for (int k = 0; k <= 2 * kBeside; ++k) any |= jumps[x + k];
+      beside[x] = any;
     }
   }
-  for (int x = 0; x < width; ++x) {
-    const float least = std::min(low[x], std::min(low[x + 1], low[x + 2]));
-    const float most = std::max(high[x], std::max(high[x + 1], high[x + 2]));
-    jumps[x] = most - least > kJump;
-  }
+
+ private:
+  const float* disparity_;
+  const int height_, width_;
+  std::vector<float> low_, high_;
+  std::vector<uint8_t> jumps_;
+};
+
+void unite(const uint8_t* STEREOPSIS_RESTRICT one, int width, uint8_t* STEREOPSIS_RESTRICT all) {
+  for (int x = 0; x < width; ++x) all[x] |= one[x];
 }
 
 }  // namespace
@@ -39,24 +63,24 @@ void mark_jumps(const float* disparity, int height, int width, int y, std::vecto
 void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, const int32_t* alike, int height, int width,
               float* moved, const Workers& workers) {
   const auto at = [width](int y, int x) { return static_cast<size_t>(y) * width + x; };
-  std::vector<uint8_t> jumps(static_cast<size_t>(height) * width);
+  std::vector<uint8_t> columns(static_cast<size_t>(height) * width);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    std::vector<float> low(width + 2), high(width + 2);
-    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
-      mark_jumps(disparity, height, width, y, low, high, jumps.data() + at(y, 0));
+    Jumps jumps(disparity, height, width);
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) jumps.mark(y, columns.data() + at(y, 0));
   });
   const auto inside = [&](int y, int x, int reach, auto&& each) {
     for (int v = std::max(0, y - reach); v <= std::min(height - 1, y + reach); ++v)
       for (int u = std::max(0, x - reach); u <= std::min(width - 1, x + reach); ++u) each(at(v, u));
   };
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    std::vector<uint8_t> beside(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       std::copy_n(disparity + at(y, 0), width, moved + at(y, 0));
+      std::fill(beside.begin(), beside.end(), uint8_t{0});
+      for (int v = std::max(0, y - kBeside); v <= std::min(height - 1, y + kBeside); ++v)
+        unite(columns.data() + at(v, 0), width, beside.data());
       for (int x = 0; x < width; ++x) {
-        if (!doubtful[at(y, x)]) continue;
-        bool beside = false;
-        inside(y, x, kBeside, [&](size_t q) { beside |= jumps[q] != 0; });
-        if (!beside) continue;
+        if (!doubtful[at(y, x)] || !beside[x]) continue;
         float farther = std::numeric_limits<float>::infinity(), nearer = -farther;
         inside(y, x, kAround, [&](size_t q) {
           farther = disparity[q] < farther ? disparity[q] : farther;

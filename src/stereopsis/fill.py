@@ -164,7 +164,7 @@ OUTLINES_HALO = Halo.around(12)
 
 def outlines(
     disparity: DisparityMap,
-    doubtful: npt.NDArray[np.bool_],
+    doubtful: npt.NDArray[np.bool_] | npt.NDArray[np.uint8],
     image: npt.NDArray[np.uint8],
     threads: int = 0,
 ) -> DisparityMap:
@@ -173,7 +173,7 @@ def outlines(
     A check of left against right refuses a seam along every outline, and what fills it is the background. It
     is decided anew for doubtful pixels within 2 pixels of a jump, which is where 3 x 3 pixels span more than
     4 pixels of disparity. Let :math:`n` and :math:`f` be the greatest and the least disparity within 3
-    pixels. Of the pixels that are not doubtful, every third of every third row up to 12 pixels off, those
+    pixels. Of the pixels that are not doubtful, every fourth of every fourth row up to 12 pixels off, those
     within :math:`(n - f) / 3` of :math:`n` vote for :math:`n`, and those as near to :math:`f` for :math:`f`,
     with weights :math:`\exp(-|\Delta I| / 12)`, in 4096ths, akin to [1]_. Where more weight is for
     :math:`n` the pixel becomes :math:`n`; else it stays.
@@ -182,8 +182,8 @@ def outlines(
     ----------
     disparity : ndarray of float32, (H, W)
         Disparity in pixels; NaN where there is none. Not changed.
-    doubtful : ndarray of bool, (H, W)
-        What may change, and has no vote.
+    doubtful : ndarray of bool or uint8, (H, W)
+        What may change, and has no vote; not 0 where so.
     image : ndarray of uint8, (H, W)
         The left image's grey levels :math:`I`.
     threads : int

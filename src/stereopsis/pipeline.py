@@ -379,7 +379,7 @@ def _match(
         _doubt(doubtful, chosen.fill, disparity, confidence, flags)
     if chosen.outlines:
         with _timed(timings, "outlines"):
-            doubtful = (flags & Flag.FILLED) != 0
+            doubtful = flags & np.uint8(Flag.FILLED)
             disparity = fill.outlines(disparity, doubtful, _fused.guide_of(pixels), chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"

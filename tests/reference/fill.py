@@ -94,8 +94,8 @@ def outlines(disparity, doubtful, image):
             continue
         farther, nearer = np.nanmin(around(y, x, 3)), np.nanmax(around(y, x, 3))
         votes = {farther: 0, nearer: 0}
-        for v in range(y - 12, y + 13, 3):
-            for u in range(x - 12, x + 13, 3):
+        for v in range(y - 12, y + 13, 4):
+            for u in range(x - 12, x + 13, 4):
                 if 0 <= v < height and 0 <= u < width and not doubtful[v, u]:
                     alike = round(4096 * math.exp(-abs(int(image[v, u]) - int(image[y, x])) / 12))
                     for surface in votes:

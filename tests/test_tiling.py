@@ -186,6 +186,7 @@ def test_the_same_bits(shape, channels, dtype, side, disparities, cost, others, 
         {"planar": (9, 7), "median": 3, "left_right": 1.0},
         {"confidence": "calibrated", "left_right": 1.0, "least_confidence": 0.4, "texture": "auto"},
         {"confidence": "calibrated", "left_right": 1.0, "fill": "background"},
+        {"outlines": True, "left_right": 1.0, "fill": "background"},
     ],
     ids=lambda others: next(iter(others)),
 )

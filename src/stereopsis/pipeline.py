@@ -379,8 +379,8 @@ def _match(
         _doubt(doubtful, chosen.fill, disparity, confidence, flags)
     if chosen.outlines:
         with _timed(timings, "outlines"):
-            doubtful = flags & np.uint8(Flag.FILLED)
-            disparity = fill.outlines(disparity, doubtful, _fused.guide_of(pixels), chosen.threads)
+            filled = flags & np.uint8(Flag.FILLED)
+            disparity = fill.outlines(disparity, filled, _fused.guide_of(pixels), chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)

@@ -163,7 +163,8 @@ def _texture(whole: _Pair) -> float:
 
 def _takes_levels(chosen: Settings) -> bool:
     contrast = isinstance(chosen.optimize, sgm.SGM) and chosen.optimize.contrast is not None
-    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or chosen.confidence is not None
+    guided = chosen.confidence is not None or chosen.outlines
+    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or guided
 
 
 def _limits(whole: _Pair, vertical: Vertical | None, frame: Frame) -> tuple[int, int, int, int]:

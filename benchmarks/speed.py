@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 import stereopsis as st
-from stereopsis import _fused, pixelwise
+from stereopsis import _fused, _instructions, pixelwise
 from stereopsis.bench.speed import Task, in_turns, machine, ratios
 
 DISPARITIES = (0, 128)
@@ -65,11 +65,11 @@ def _seconds(task: Task) -> float:
 
 def with_instructions(name: str, task: Task) -> Task:
     def forced() -> None:
-        os.environ[_fused.ENVIRONMENT] = name
+        os.environ[_instructions.ENVIRONMENT] = name
         try:
             task()
         finally:
-            del os.environ[_fused.ENVIRONMENT]
+            del os.environ[_instructions.ENVIRONMENT]
 
     return forced
 

@@ -379,7 +379,7 @@ def test_texture_is_measured_in_the_grey_levels_of_the_image():
     [
         {"preset": "fast"},
         {"preset": "fast", "texture": "auto"},
-        {"preset": "fast", "fill": "background", "weighted_median": (5, 10)},
+        {"preset": "fast", "uniqueness": 2.0, "fill": "background", "weighted_median": (5, 10)},
         {"preset": "balanced"},
     ],
 )

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as some
 
 import stereopsis as st
@@ -173,7 +173,10 @@ def test_a_step_in_depth_is_kept():
 def test_smoothing_is_its_definition(scene, rounds):
     seen, label, start, columns = scene
     _core.move_boundaries(seen, tuple(SMALL), start, 2, label, 1)
-    expected = reference.smooth(seen, SMALL, label, start, columns, rounds)
+    try:
+        expected = reference.smooth(seen, SMALL, label, start, columns, rounds)
+    except reference.TieError:
+        assume(False)
     for threads in (1, 3):
         found = start.copy()
         _core.smooth_planes(seen, tuple(SMALL), label, columns, rounds, found, threads)

@@ -1,6 +1,7 @@
 """The definition of segments with planes: fit, boundaries, smoothing; a pixel and a segment at a time."""
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -166,6 +167,19 @@ def meeting(model, both, boundary, p, q):
     return costs[how], how
 
 
+class TieError(Exception):
+    """Two planes serve as well, up to rounding: either is right."""
+
+
+def best_of(offered, energy):
+    best = min(offered, key=energy)
+    least = energy(best)
+    others = [plane for plane in offered if not np.allclose(plane, best, atol=1e-7)]
+    if any(energy(plane) - least <= 1e-9 * (1 + abs(least)) for plane in others):
+        raise TieError
+    return best
+
+
 def smooth(seen, model, label, planes, columns, rounds):
     count = len(planes)
     points = members(seen, label, count)
@@ -194,7 +208,7 @@ def smooth(seen, model, label, planes, columns, rounds):
             offered = [p for p in (before[i], *(before[j] for j, _ in neighbours[i])) if exists(p)]
             if not offered:
                 continue
-            best = min(offered, key=lambda plane: energy(i, plane))
+            best = best_of(offered, partial(energy, i))
             near = [p for p in points[i] if (at(best, p[0], p[1]) - p[2]) ** 2 < model.truncation]
             for j, pair, _, how in meets(i, best):
                 length, both = len(places[pair]), pixels[i] + pixels[j]
@@ -205,7 +219,7 @@ def smooth(seen, model, label, planes, columns, rounds):
                     near += [(x, y, at(before[j], x, y), model.smoothness) for x, y in places[pair]]
             compromise = least_squares(near)
             if compromise is not None and allowed(model, compromise):
-                best = min((best, compromise), key=lambda plane: energy(i, plane))
+                best = best_of((best, compromise), partial(energy, i))
             planes[i] = best
     return planes
 

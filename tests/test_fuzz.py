@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
 
 fuzz = pytest.importorskip("fuzz", reason="needs POSIX signals")
 
@@ -29,6 +32,30 @@ def test_the_corpus(name: str) -> None:
     """Its first files are read; what broke a reader once is read or refused."""
     read = fuzz.judge(fuzz.CORPUS / name, name)
     assert read or name.startswith("found-")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fuzz") / "input"
+
+
+@given(
+    seed=some.sampled_from(sorted(path.name for path in fuzz.CORPUS.iterdir())),
+    edits=some.lists(
+        some.tuples(some.floats(0, 1), some.integers(0, 9), some.binary(max_size=9)), max_size=9
+    ),
+)
+@settings(max_examples=int(os.environ.get("STEREOPSIS_FUZZ", "500")), deadline=None)
+def test_edited_files_are_read_or_refused(
+    file: Path, seed: str, edits: list[tuple[float, int, bytes]]
+) -> None:
+    """Bytes taken out and put in anywhere; what fails is made small. STEREOPSIS_FUZZ=100000: a long run."""
+    data = (fuzz.CORPUS / seed).read_bytes()
+    for place, out, into in edits:
+        at = int(place * len(data))
+        data = data[:at] + into + data[at + out :]
+    file.write_bytes(data)
+    fuzz.judge(file, seed)
 
 
 def test_the_same_number_gives_the_same_file() -> None:

@@ -17,8 +17,8 @@
 #include "dispatch.hpp"
 #include "parallel.hpp"
 #include "planar.hpp"
-#include "rows.hpp"
 #include "planes.hpp"
+#include "rows.hpp"
 #include "sgm.hpp"
 #include "stages.hpp"
 

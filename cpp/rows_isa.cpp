@@ -91,7 +91,8 @@ static void median_of_25(const float* const* rows, int width, float* STEREOPSIS_
       }
     }
     const float* const here = rows[2] + x + 2;
-    for (int u = 0; u < std::min(wide, width - x); ++u) {
+    const int here_wide = width - x < wide ? width - x : wide;
+    for (int u = 0; u < here_wide; ++u) {
       const float lower = median[0][u], upper = median[1][u], both = lower == upper ? lower : 0.5f * (lower + upper);
       filtered[x + u] = here[u] == here[u] ? both : here[u];
     }

@@ -183,9 +183,9 @@ void merge_window(const Hypothesis& other, CostKind kind, int height, int width,
 struct HalfWindow {
   int x, y;
 };
+struct RowKernels;
 // In each whole tile the column and row, every `stride` pixels, whose window has the largest smaller eigenvalue of its
 // summed products of gradients; of equal ones the first. -1, -1 where none exceeds `least`. `found` is (rows, columns, 2).
-struct RowKernels;
 void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
              const RowKernels& kernels, const Workers& workers);
 // Where points (x, y) of the left image went, in columns and rows: Lucas and Kanade's iterations from the motion that is

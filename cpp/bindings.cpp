@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "dispatch.hpp"
+#include "heap.hpp"
 #include "parallel.hpp"
 #include "planar.hpp"
 #include "planes.hpp"
@@ -615,6 +616,7 @@ SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<con
 }  // namespace
 
 NB_MODULE(_core, m) {
+  keep_freed_memory();
   m.attr("narrow_limit") = narrow_limit;
 
   m.def("instruction_sets", [] {
@@ -708,15 +710,17 @@ NB_MODULE(_core, m) {
   });
 
   m.def("find_plane", [](const Array<const float, 2>& disparity, int top, int radius, double most_a, double least_b,
-                         double most_b, double tolerance, int trials, int sample, const Array<double, 1>& found) {
+                         double most_b, double tolerance, int trials, int sample, const Array<double, 1>& found, int threads,
+                         const std::string& instructions) {
     require_shape(found, 3);
     require(top >= 0 && radius >= 0 && trials > 0 && sample > 0, "a search needs trials and a sample");
+    const PlanarKernel& kernel = choose_planar(instructions);
     Plane plane{0, 0, 0};
     int inliers = 0;
-    run(1, [&](const Workers& workers) {
+    run(threads, [&](const Workers& workers) {
       const PlaneSearch search{top, radius, most_a, least_b, most_b, tolerance, trials, sample};
       inliers = find_plane(disparity.data(), static_cast<int>(disparity.shape(0)), static_cast<int>(disparity.shape(1)),
-                           search, &plane, workers);
+                           search, &plane, kernel, workers);
     });
     found(0) = plane.a;
     found(1) = plane.b;
@@ -828,6 +832,32 @@ NB_MODULE(_core, m) {
     const Window window = window_of(window_width, window_height);
     run(threads, [&](const Workers& workers) {
       planar(disparity.data(), H, W, window, tolerance, iterations, out.data(), kernel, workers);
+    });
+  });
+
+  m.def("accept", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
+                     const Array<const uint8_t, 2>& flags, const Array<float, 2>& accepted, const Array<float, 2>& trust,
+                     int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    for (const auto& map : {confidence, Array<const float, 2>(accepted), Array<const float, 2>(trust)}) require_shape(map, H, W);
+    require_shape(flags, H, W);
+    run(threads, [&](const Workers& workers) {
+      accept(disparity.data(), confidence.data(), flags.data(), H, W, accepted.data(), trust.data(), workers);
+    });
+  });
+
+  m.def("judge", [](const std::optional<Array<const float, 2>>& winners, const Array<const float, 2>& confidence, float least,
+                    float most, float near, int revocable, int wrong, const Array<float, 2>& smooth,
+                    const Array<uint8_t, 2>& flags, const Array<float, 2>& accepted, const Array<float, 2>& trust, int threads) {
+    const int H = smooth.shape(0), W = smooth.shape(1);
+    if (winners) require_shape(*winners, H, W);
+    for (const auto& map : {confidence, Array<const float, 2>(accepted), Array<const float, 2>(trust)}) require_shape(map, H, W);
+    require_shape(flags, H, W);
+    require(0 <= revocable && revocable <= 255 && 0 <= wrong && wrong <= 255, "flags have 8 bits");
+    const Evidence seen{winners ? winners->data() : nullptr, confidence.data()};
+    const Verdict verdict{least, most, near, static_cast<uint8_t>(revocable), static_cast<uint8_t>(wrong)};
+    run(threads, [&](const Workers& workers) {
+      judge(seen, verdict, H, W, smooth.data(), flags.data(), accepted.data(), trust.data(), workers);
     });
   });
 

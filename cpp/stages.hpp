@@ -151,7 +151,9 @@ struct PlaneSearch {
   int trials, sample;
 };
 // The plane that most pixels of a map lie on (RANSAC, then least squares), and how many; 0 where there is none.
-int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const Workers& workers);
+struct PlanarKernel;
+int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const PlanarKernel& kernel,
+               const Workers& workers);
 // The right image at (x - surface(x, y), y) for x from -margin to width + margin - 1, by cubic convolution.
 template <class T>
 void warp(const T* image, int height, int width, int channels, const Surface& surface, int margin, T lowest, T highest, T* warped,
@@ -214,6 +216,20 @@ void speckle(const float* disparity, int height, int width, int area, float diff
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);
 // Numbers the 4-connected regions of `inside` 1, 2, ... in the order of their first pixels; 0 outside. Returns how many.
 int label(const uint8_t* inside, int height, int width, int32_t* region, const Workers& workers);
+// NaN and 0 where there is a flag, else the map and its confidence.
+void accept(const float* disparity, const float* confidence, const uint8_t* flags, int height, int width, float* accepted,
+            float* trust, const Workers& workers);
+// Keeps a map within [least, most], and judges by it what was matched: with a winner less than `near` from it, flags are taken
+// back where all of them are `revocable`; with none so near, a pixel without a flag gets `wrong`. Then accepts the rest.
+struct Evidence {
+  const float *winners, *confidence;  // no winners: flags stay as they are
+};
+struct Verdict {
+  float least, most, near;
+  uint8_t revocable, wrong;
+};
+void judge(const Evidence& seen, const Verdict& verdict, int height, int width, float* smooth, uint8_t* flags, float* accepted,
+           float* trust, const Workers& workers);
 
 // ---- refine ----------------------------------------------------------------------------------------------------------
 // Median over a size x size window of the pixels that have a value; pixels without one stay without.

@@ -952,9 +952,17 @@ void test_planes() {
             random.below(5) ? static_cast<float>(plane.at(x, y)) : random.below(2) ? std::nanf("") : 99.0f;
     Plane found{};
     const PlaneSearch search{top, round % 2 ? 0 : 12, 0.5, 0, 1, 0.5, 200, round % 3 ? 50 : 5000};
-    const int inliers = find_plane(disparity.data(), H, W, search, &found, kAlone);
+    const int inliers = find_plane(disparity.data(), H, W, search, &found, choose_planar("generic"), kAlone);
     const std::string told = text(H) + "x" + text(W);
     CHECK(inliers <= H * W, told);
+    for (const FusedKernel* kernel : available_kernels())
+      for (const int threads : {1, 2, 7}) {
+        Plane again{};
+        const int counted =
+            find_plane(disparity.data(), H, W, search, &again, choose_planar(kernel->name), {threads, [] { return false; }});
+        CHECK(counted == inliers && again.a == found.a && again.b == found.b && again.c == found.c,
+              told + " " + kernel->name + " on " + text(threads));
+      }
     if (H >= 20 && W >= 20)
       CHECK(std::fabs(found.a - plane.a) < 1e-6 && std::fabs(found.b - plane.b) < 1e-6 && std::fabs(found.c - plane.c) < 1e-4,
             told);

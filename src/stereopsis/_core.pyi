@@ -248,6 +248,8 @@ def find_plane(
     trials: int,
     sample: int,
     found: npt.NDArray[np.float64],
+    threads: int,
+    instructions: str,
     /,
 ) -> int: ...
 @overload
@@ -372,6 +374,24 @@ def texture(image: _I32, window_width: int, window_height: int, mean: _F32, thre
 def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None: ...
 def flood(relief: _U8, out: _U8, /) -> None: ...
 def label(inside: _U8, out: _I32, /) -> int: ...
+def accept(
+    disparity: _F32, confidence: _F32, flags: _U8, accepted: _F32, trust: _F32, threads: int, /
+) -> None: ...
+def judge(
+    winners: _F32 | None,
+    confidence: _F32,
+    least: float,
+    most: float,
+    near: float,
+    revocable: int,
+    wrong: int,
+    smooth: _F32,
+    flags: _U8,
+    accepted: _F32,
+    trust: _F32,
+    threads: int,
+    /,
+) -> None: ...
 def median(disparity: _F32, size: int, out: _F32, threads: int, instructions: str, /) -> None: ...
 def planar(
     disparity: _F32,

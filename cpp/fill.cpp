@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -104,7 +105,7 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
   const size_t size = static_cast<size_t>(height) * width;
   const SlopeMaps slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
   // Continued from above and below, down and up every column.
-  std::vector<float> above(size, kNone), below(size, kNone), range(size), weight(size), base(size);
+  const Unset<float> above(size), below(size), range(size), weight(size), base(size), value(size);
   parallel_rows(width, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = 0; y < height && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = begin; x < end; ++x) {
@@ -117,6 +118,7 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
         below[at] = !std::isnan(disparity[at]) ? disparity[at] : y + 1 < height ? below[at + width] - slopes.down[at] : kNone;
       }
   });
+  std::atomic<bool> lost{false};  // whether some pixel sees no answer
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     std::vector<float> before(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
@@ -128,11 +130,12 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
         before[x] = carried;
       }
       carried = kNone;
+      bool none = false;
       for (int x = width - 1; x >= 0; --x) {
         const size_t at = row + x;
         carried -= slopes.right[at];
         if (!std::isnan(disparity[at])) {
-          carried = filled[at] = base[at] = disparity[at];
+          carried = filled[at] = value[at] = disparity[at];
           weight[at] = 1;
           continue;
         }
@@ -143,31 +146,36 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
         }
         range[at] = high - low;
         const float beside = lower(before[x], carried);
-        base[at] = std::isnan(beside) ? lower(above[at], below[at]) : beside;
+        value[at] = base[at] = std::isnan(beside) ? lower(above[at], below[at]) : beside;
         weight[at] = 1e-6f;
+        none |= std::isnan(base[at]);
       }
+      if (none) lost.store(true, std::memory_order_relaxed);
     }
   });
-  std::vector<float> missing;
-  for (size_t at = 0; at < size; ++at)
-    if (!std::isnan(disparity[at])) missing.push_back(disparity[at]);
-  if (missing.empty()) {
-    std::fill(filled, filled + size, kNone);
-    return;
+  if (lost.load()) {
+    std::vector<float> answers;
+    for (size_t at = 0; at < size; ++at)
+      if (!std::isnan(disparity[at])) answers.push_back(disparity[at]);
+    if (answers.empty()) {
+      std::fill(filled, filled + size, kNone);
+      return;
+    }
+    std::nth_element(answers.begin(), answers.begin() + answers.size() / 2, answers.end());
+    const float middle = answers[answers.size() / 2];
+    for (size_t at = 0; at < size; ++at)
+      if (std::isnan(value[at])) value[at] = middle;
   }
-  std::nth_element(missing.begin(), missing.begin() + missing.size() / 2, missing.end());
-  const float middle = missing[missing.size() / 2];
-  std::vector<float> value(base);
-  for (size_t at = 0; at < size; ++at)
-    if (std::isnan(value[at])) value[at] = middle;
   const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
-  const Slopes rises{slopes.right.data(), slopes.down.data()};
-  smooth({{value.data(), weight.data()}}, &rises, height, width, edges, guide.strength, 2, workers);
-  for (size_t at = 0; at < size; ++at) {
-    if (!std::isnan(disparity[at])) continue;
-    const bool surface = std::isnan(base[at]) || range[at] <= (occluded[at] ? 8.0f : 12.0f);
-    filled[at] = std::min(std::max(surface ? value[at] : base[at], least), most);
-  }
+  const Slopes rises{slopes.right.get(), slopes.down.get()};
+  smooth({{value.get(), weight.get()}}, &rises, height, width, edges, guide.strength, 2, workers);
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
+    for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
+      if (!std::isnan(disparity[at])) continue;
+      const bool surface = std::isnan(base[at]) || range[at] <= (occluded[at] ? 8.0f : 12.0f);
+      filled[at] = std::min(std::max(surface ? value[at] : base[at], least), most);
+    }
+  });
 }
 
 }  // namespace stereopsis

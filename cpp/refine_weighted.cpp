@@ -144,7 +144,7 @@ void edge_aware(const float* disparity, const SurfaceGuide& guide, int height, i
     value[at] = answered ? disparity[at] : 0;
     weight[at] = answered ? 1.0f : 1e-6f;
   }
-  const Slopes rises{slopes.right.data(), slopes.down.data()};
+  const Slopes rises{slopes.right.get(), slopes.down.get()};
   smooth({{value.data(), weight.data()}}, &rises, height, width, edges, guide.strength, iterations, workers);
   for (size_t at = 0; at < size; ++at) smoothed[at] = std::isnan(disparity[at]) ? disparity[at] : value[at];
 }

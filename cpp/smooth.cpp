@@ -5,6 +5,7 @@
 #include <cstdlib>
 
 #include "parallel.hpp"
+#include "simd.hpp"
 
 namespace stereopsis {
 
@@ -22,52 +23,64 @@ struct Strip {
   bool rows;
   int length() const { return rows ? width : height; }
   int lines() const { return std::min(kLines, (rows ? height : width) - first); }
-  void load(const float* plane, float* samples) const {
+  // Rows are turned square by square, which the nearest cache holds.
+  void load(const float* STEREOPSIS_RESTRICT plane, float* STEREOPSIS_RESTRICT samples) const {
     const int n = length(), m = lines();
-    if (rows) {
+    for (int from = 0; rows && from < n; from += kLines)
       for (int k = 0; k < kLines; ++k) {
         const float* line = plane + static_cast<size_t>(first + std::min(k, m - 1)) * width;
-        for (int i = 0; i < n; ++i) samples[i * kLines + k] = line[i];
+        for (int i = from; i < std::min(from + kLines, n); ++i) samples[i * kLines + k] = line[i];
       }
-    } else {
-      for (int i = 0; i < n; ++i) {
-        const float* line = plane + static_cast<size_t>(i) * width + first;
+    for (int i = 0; !rows && i < n; ++i) {
+      const float* line = plane + static_cast<size_t>(i) * width + first;
+      if (m == kLines)
+        for (int k = 0; k < kLines; ++k) samples[i * kLines + k] = line[k];
+      else
         for (int k = 0; k < kLines; ++k) samples[i * kLines + k] = line[std::min(k, m - 1)];
-      }
     }
   }
-  void store(const float* samples, float* plane) const {
+  void store(const float* STEREOPSIS_RESTRICT samples, float* STEREOPSIS_RESTRICT plane) const {
     const int n = length(), m = lines();
-    for (int k = 0; rows && k < m; ++k)
-      for (int i = 0; i < n; ++i) plane[static_cast<size_t>(first + k) * width + i] = samples[i * kLines + k];
-    for (int i = 0; !rows && i < n; ++i)
-      for (int k = 0; k < m; ++k) plane[static_cast<size_t>(i) * width + first + k] = samples[i * kLines + k];
+    for (int from = 0; rows && from < n; from += kLines)
+      for (int k = 0; k < m; ++k) {
+        float* line = plane + static_cast<size_t>(first + k) * width;
+        for (int i = from; i < std::min(from + kLines, n); ++i) line[i] = samples[i * kLines + k];
+      }
+    for (int i = 0; !rows && i < n; ++i) std::copy_n(samples + i * kLines, m, plane + static_cast<size_t>(i) * width + first);
   }
 };
 
-// What elimination leaves of the matrix: inverse pivots and the factors of the way back. Only sums of positive terms.
-void eliminate(const float* __restrict edges, int n, float strength, float* __restrict inverse, float* __restrict back) {
-  float left[kLines] = {};
-  for (int i = 0; i < n; ++i)
+// Elimination, from the first sample on: of the matrix it leaves the factors of the way back. Values, counted from `rise`, are
+// weighted on the way. Only sums of positive terms.
+void eliminate(const float* STEREOPSIS_RESTRICT edges, const float* STEREOPSIS_RESTRICT rise, int n, float strength,
+               float* STEREOPSIS_RESTRICT value, float* STEREOPSIS_RESTRICT weight, float* STEREOPSIS_RESTRICT back) {
+  float left[kLines] = {}, before[kLines] = {}, value_before[kLines] = {}, weight_before[kLines] = {};
+  for (int i = 0; i < n; ++i, edges += kLines, value += kLines, weight += kLines, back += kLines) {
+    const float on = i + 1 < n ? strength : 0.0f;
     for (int k = 0; k < kLines; ++k) {
-      const float next = i + 1 < n ? strength * edges[i * kLines + k] : 0.0f;
-      const float kept = 1 + left[k], pivot = 1 / (kept + next);
-      inverse[i * kLines + k] = pivot;
-      back[i * kLines + k] = next * pivot;
+      const float next = on * edges[k], kept = 1 + left[k], pivot = 1 / (kept + next);
+      const float w = weight[k], v = (rise ? value[k] - rise[k] : value[k]) * w;
+      back[k] = next * pivot;
       left[k] = next * (kept * pivot);
+      value_before[k] = value[k] = (v + before[k] * value_before[k]) * pivot;
+      weight_before[k] = weight[k] = (w + before[k] * weight_before[k]) * pivot;
+      before[k] = next;
     }
+    if (rise) rise += kLines;
+  }
 }
 
-void substitute(const float* __restrict edges, const float* __restrict inverse, const float* __restrict back, int n,
-                float strength, float* __restrict samples) {
-  for (int k = 0; k < kLines; ++k) samples[k] *= inverse[k];
-  for (int i = 1; i < n; ++i)
+// The way back, from the last sample; then values are divided by their weights.
+void substitute(const float* STEREOPSIS_RESTRICT rise, const float* STEREOPSIS_RESTRICT back, int n, float* STEREOPSIS_RESTRICT value,
+                float* STEREOPSIS_RESTRICT weight) {
+  float v[kLines] = {}, w[kLines] = {};
+  for (int at = (n - 1) * kLines; at >= 0; at -= kLines)
     for (int k = 0; k < kLines; ++k) {
-      const int at = i * kLines + k;
-      samples[at] = (samples[at] + strength * edges[at - kLines] * samples[at - kLines]) * inverse[at];
+      v[k] = value[at + k] + back[at + k] * v[k];
+      w[k] = weight[at + k] + back[at + k] * w[k];
+      weight[at + k] = w[k];
+      value[at + k] = rise ? v[k] / w[k] + rise[at + k] : v[k] / w[k];
     }
-  for (int i = n - 2; i >= 0; --i)
-    for (int k = 0; k < kLines; ++k) samples[i * kLines + k] += back[i * kLines + k] * samples[(i + 1) * kLines + k];
 }
 
 void smooth_lines(const std::vector<Weighed>& fields, const float* slopes, int height, int width, const float* edges, bool rows,
@@ -76,13 +89,12 @@ void smooth_lines(const std::vector<Weighed>& fields, const float* slopes, int h
   parallel_rows((count + kLines - 1) / kLines, workers.threads, workers.interrupted,
                 [&](int begin, int end, const Cancel& cancel) {
     const size_t size = static_cast<size_t>(n) * kLines;
-    std::vector<float> memory(6 * size);
-    float *edge = memory.data(), *inverse = edge + size, *back = inverse + size, *value = back + size, *weight = value + size,
-          *rise = weight + size;
+    std::vector<float> memory(5 * size);
+    float *edge = memory.data(), *back = edge + size, *value = back + size, *weight = value + size;
+    float* const rise = slopes ? weight + size : nullptr;
     for (int strip = begin; strip < end && !cancel.load(std::memory_order_relaxed); ++strip) {
       const Strip lines{height, width, strip * kLines, rows};
       lines.load(edges, edge);
-      eliminate(edge, n, strength, inverse, back);
       if (slopes) {
         lines.load(slopes, rise);
         float height_of[kLines] = {};
@@ -96,12 +108,8 @@ void smooth_lines(const std::vector<Weighed>& fields, const float* slopes, int h
       for (const Weighed& field : fields) {
         lines.load(field.value, value);
         lines.load(field.weight, weight);
-        for (size_t i = 0; slopes && i < size; ++i) value[i] -= rise[i];
-        for (size_t i = 0; i < size; ++i) value[i] *= weight[i];
-        substitute(edge, inverse, back, n, strength, value);
-        substitute(edge, inverse, back, n, strength, weight);
-        for (size_t i = 0; i < size; ++i) value[i] /= weight[i];
-        for (size_t i = 0; slopes && i < size; ++i) value[i] += rise[i];
+        eliminate(edge, rise, n, strength, value, weight, back);
+        substitute(rise, back, n, value, weight);
         lines.store(value, field.value);
         lines.store(weight, field.weight);
       }
@@ -143,22 +151,41 @@ void gap_slopes(const float* disparity, int height, int width, bool rows, int ce
 
 }  // namespace
 
+namespace {
+
+// Of a row, each pixel with the one `apart` further on: the weight of the largest difference of a channel.
+template <int C>
+void weigh_row(const int32_t* STEREOPSIS_RESTRICT guide, size_t apart, int count, int channels, const float* STEREOPSIS_RESTRICT table,
+               int length, float* STEREOPSIS_RESTRICT weights) {
+  const int of_each = C ? C : channels;
+  for (int x = 0; x < count; ++x) {
+    int64_t most = 0;
+    for (int c = 0; c < of_each; ++c) {
+      const size_t at = static_cast<size_t>(x) * of_each + c;
+      most = std::max(most, std::abs(static_cast<int64_t>(guide[at + apart * of_each]) - guide[at]));
+    }
+    weights[x] = table[std::min<int64_t>(most, length - 1)];
+  }
+}
+
+}  // namespace
+
 EdgeWeights edge_weights(const int32_t* guide, int height, int width, int channels, const float* table, int length,
                          const Workers& workers) {
-  EdgeWeights edges{std::vector<float>(static_cast<size_t>(height) * width), std::vector<float>(static_cast<size_t>(height) * width)};
+  const size_t size = static_cast<size_t>(height) * width;
+  EdgeWeights edges{Unset<float>(size), Unset<float>(size)};
+  const auto weigh = channels == 1 ? &weigh_row<1> : &weigh_row<0>;
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
-      for (int x = 0; x < width; ++x) {
-        const size_t at = static_cast<size_t>(y) * width + x;
-        const auto weight = [&](size_t other) {
-          int64_t most = 0;
-          for (int c = 0; c < channels; ++c)
-            most = std::max(most, std::abs(static_cast<int64_t>(guide[at * channels + c]) - guide[other * channels + c]));
-          return table[std::min<int64_t>(most, length - 1)];
-        };
-        if (x + 1 < width) edges.right[at] = weight(at + 1);
-        if (y + 1 < height) edges.down[at] = weight(at + width);
-      }
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t at = static_cast<size_t>(y) * width;
+      const int32_t* const row = guide + at * channels;
+      weigh(row, 1, width - 1, channels, table, length, edges.right.get() + at);
+      edges.right[at + width - 1] = 0;
+      if (y + 1 < height)
+        weigh(row, width, width, channels, table, length, edges.down.get() + at);
+      else
+        std::fill_n(edges.down.get() + at, width, 0.0f);
+    }
   });
   return edges;
 }
@@ -167,8 +194,8 @@ void smooth(const std::vector<Weighed>& fields, const Slopes* slopes, int height
             float strength, int iterations, const Workers& workers) {
   for (int t = 0; t < iterations; ++t) {
     const float share = static_cast<float>(1.5 * std::pow(4.0, iterations - 1 - t) / (std::pow(4.0, iterations) - 1)) * strength;
-    smooth_lines(fields, slopes ? slopes->right : nullptr, height, width, edges.right.data(), true, share, workers);
-    smooth_lines(fields, slopes ? slopes->down : nullptr, height, width, edges.down.data(), false, share, workers);
+    smooth_lines(fields, slopes ? slopes->right : nullptr, height, width, edges.right.get(), true, share, workers);
+    smooth_lines(fields, slopes ? slopes->down : nullptr, height, width, edges.down.get(), false, share, workers);
   }
 }
 
@@ -177,15 +204,24 @@ SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int heigh
   const int high = (height + kCell - 1) / kCell, wide = (width + kCell - 1) / kCell;
   const size_t cells = static_cast<size_t>(high) * wide;
   std::vector<int32_t> mean(cells * channels);
-  for (int y = 0; y < high; ++y)
-    for (int x = 0; x < wide; ++x)
-      for (int c = 0; c < channels; ++c) {
-        int64_t sum = 0, count = 0;
-        for (int v = y * kCell; v < std::min(height, (y + 1) * kCell); ++v)
-          for (int u = x * kCell; u < std::min(width, (x + 1) * kCell); ++u, ++count)
-            sum += guide[(static_cast<size_t>(v) * width + u) * channels + c];
-        mean[(static_cast<size_t>(y) * wide + x) * channels + c] = static_cast<int32_t>(sum / count);
+  parallel_rows(high, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    std::vector<int64_t> sums(static_cast<size_t>(wide) * channels);
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const int top = y * kCell, bottom = std::min(height, top + kCell);
+      std::fill(sums.begin(), sums.end(), 0);
+      for (int v = top; v < bottom; ++v) {
+        const int32_t* pixel = guide + static_cast<size_t>(v) * width * channels;
+        for (int u = 0; u < width; ++u)
+          for (int c = 0; c < channels; ++c) sums[static_cast<size_t>(u / kCell) * channels + c] += *pixel++;
       }
+      for (int x = 0; x < wide; ++x)
+        for (int c = 0; c < channels; ++c) {
+          const size_t at = static_cast<size_t>(x) * channels + c;
+          const int64_t count = (bottom - top) * (std::min(width, (x + 1) * kCell) - x * kCell);
+          mean[static_cast<size_t>(y) * wide * channels + at] = static_cast<int32_t>(sums[at] / count);
+        }
+    }
+  });
   std::vector<float> rise[2], weight[2];
   for (int axis = 0; axis < 2; ++axis) {
     rise[axis].resize(cells);
@@ -199,13 +235,17 @@ SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int heigh
   const EdgeWeights edges = edge_weights(mean.data(), high, wide, channels, table, length, workers);
   smooth({{rise[0].data(), weight[0].data()}, {rise[1].data(), weight[1].data()}}, nullptr, high, wide, edges, kSlopeStrength, 2,
          workers);
-  SlopeMaps slopes{std::vector<float>(static_cast<size_t>(height) * width), std::vector<float>(static_cast<size_t>(height) * width)};
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      const size_t at = static_cast<size_t>(y) * width + x, cell = static_cast<size_t>(y / kCell) * wide + x / kCell;
-      slopes.right[at] = std::min(std::max(rise[0][cell], -kSteepest), kSteepest);
-      slopes.down[at] = std::min(std::max(rise[1][cell], -kSteepest), kSteepest);
+  const size_t size = static_cast<size_t>(height) * width;
+  SlopeMaps slopes{Unset<float>(size), Unset<float>(size)};
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
+    for (int y = begin; y < end; ++y) {
+      const size_t row = static_cast<size_t>(y) * width, cells_row = static_cast<size_t>(y / kCell) * wide;
+      for (int x = 0; x < width; ++x) {
+        slopes.right[row + x] = std::min(std::max(rise[0][cells_row + x / kCell], -kSteepest), kSteepest);
+        slopes.down[row + x] = std::min(std::max(rise[1][cells_row + x / kCell], -kSteepest), kSteepest);
+      }
     }
+  });
   return slopes;
 }
 

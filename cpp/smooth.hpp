@@ -4,13 +4,14 @@
 #include <cstdint>
 #include <vector>
 
+#include "scratch.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
 
 // Of each pixel with the one to the right, and with the one below; 0 at the last column and row.
 struct EdgeWeights {
-  std::vector<float> right, down;
+  Unset<float> right, down;
 };
 // table[k] of the largest difference k over the channels; the last entry for all beyond.
 EdgeWeights edge_weights(const int32_t* guide, int height, int width, int channels, const float* table, int length,
@@ -32,7 +33,7 @@ void smooth(const std::vector<Weighed>& fields, const Slopes* slopes, int height
 // Rise of the surface from each pixel to its right and lower neighbour: differences over gaps of k pixels, where they are at
 // most 1.5 + k / 2, smoothed in cells of 4 x 4 pixels.
 struct SlopeMaps {
-  std::vector<float> right, down;
+  Unset<float> right, down;
 };
 SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int height, int width, int channels, const float* table,
                          int length, const Workers& workers);

@@ -140,8 +140,11 @@ def surfaces(
     squares, IEEE TIP 23(12), 2014, doi:10.1109/TIP.2014.2366600.
     """
     filled = np.empty(disparity.shape, np.float32)
-    answers = disparity[np.isfinite(disparity)]
-    least, most = (answers.min(), answers.max()) if answers.size else (0, 0)
+    # Without a selection, of a map without infinity: NaN where there is no answer at all.
+    least, most = (ends.reduce(disparity, axis=None, initial=np.nan) for ends in (np.fmin, np.fmax))
+    if not (np.isfinite(least) and np.isfinite(most)):
+        answers = disparity[np.isfinite(disparity)]
+        least, most = (answers.min(), answers.max()) if answers.size else (0, 0)
     _core.fill_surfaces(
         np.ascontiguousarray(disparity),
         _occluded(flags),

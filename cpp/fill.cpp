@@ -103,19 +103,19 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers) {
   const size_t size = static_cast<size_t>(height) * width;
-  const SlopeMaps slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
+  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
   // Continued from above and below, down and up every column.
   const Unset<float> above(size), below(size), range(size), weight(size), base(size), value(size);
   parallel_rows(width, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = 0; y < height && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = begin; x < end; ++x) {
         const size_t at = static_cast<size_t>(y) * width + x;
-        above[at] = !std::isnan(disparity[at]) ? disparity[at] : y ? above[at - width] + slopes.down[at - width] : kNone;
+        above[at] = !std::isnan(disparity[at]) ? disparity[at] : y ? above[at - width] + slopes.down[slopes.cell(y - 1, x)] : kNone;
       }
     for (int y = height - 1; y >= 0 && !cancel.load(std::memory_order_relaxed); --y)
       for (int x = begin; x < end; ++x) {
         const size_t at = static_cast<size_t>(y) * width + x;
-        below[at] = !std::isnan(disparity[at]) ? disparity[at] : y + 1 < height ? below[at + width] - slopes.down[at] : kNone;
+        below[at] = !std::isnan(disparity[at]) ? disparity[at] : y + 1 < height ? below[at + width] - slopes.down[slopes.cell(y, x)] : kNone;
       }
   });
   std::atomic<bool> lost{false};  // whether some pixel sees no answer
@@ -125,7 +125,7 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
       const size_t row = static_cast<size_t>(y) * width;
       float carried = kNone;
       for (int x = 0; x < width; ++x) {
-        if (x) carried += slopes.right[row + x - 1];
+        if (x) carried += slopes.right[slopes.cell(y, x - 1)];
         if (!std::isnan(disparity[row + x])) carried = disparity[row + x];
         before[x] = carried;
       }
@@ -133,7 +133,7 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
       bool none = false;
       for (int x = width - 1; x >= 0; --x) {
         const size_t at = row + x;
-        carried -= slopes.right[at];
+        carried -= slopes.right[slopes.cell(y, x)];
         if (!std::isnan(disparity[at])) {
           carried = filled[at] = value[at] = disparity[at];
           weight[at] = 1;
@@ -167,8 +167,7 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
       if (std::isnan(value[at])) value[at] = middle;
   }
   const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
-  const Slopes rises{slopes.right.get(), slopes.down.get()};
-  smooth({{value.get(), weight.get()}}, &rises, height, width, edges, guide.strength, 2, workers);
+  smooth({{value.get(), weight.get()}}, &slopes, height, width, edges, guide.strength, 2, workers);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
     for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
       if (!std::isnan(disparity[at])) continue;

@@ -6,6 +6,7 @@
 
 #include "parallel.hpp"
 #include "planar.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
 #include "winners.hpp"
 
@@ -29,23 +30,22 @@ struct Point {
 // Points side by side, so many that kSideBySide divides them; what was added for that lies on no plane.
 class Sample {
  public:
-  explicit Sample(size_t most) : x_(most + kSideBySide), y_(most + kSideBySide), d_(most + kSideBySide, kNowhere) {}
+  explicit Sample(size_t most) : x_(most + kSideBySide), y_(most + kSideBySide), d_(most + kSideBySide) {}
   // Whether it has a disparity is no guess for a processor: what has none is written, and then written over.
   void add(double x, double y, float d) {
     x_[count_] = x, y_[count_] = y, d_[count_] = d;
     count_ += d == d;
   }
   void close() {
-    d_[count_] = kNowhere;
-    x_[count_] = y_[count_] = 0;
+    for (size_t k = count_; k < count_ + kSideBySide; ++k) x_[k] = y_[k] = 0, d_[k] = kNowhere;
   }
   size_t size() const { return count_; }
-  Points points(size_t from, size_t count) const { return {x_.data() + from, y_.data() + from, d_.data() + from, count}; }
+  Points points(size_t from, size_t count) const { return {x_.get() + from, y_.get() + from, d_.get() + from, count}; }
   Points all() const { return points(0, (count_ + kSideBySide - 1) / kSideBySide * kSideBySide); }
 
  private:
   static constexpr double kNowhere = 1e30;
-  std::vector<double> x_, y_, d_;
+  Unset<double> x_, y_, d_;
   size_t count_ = 0;
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <utility>
 
 #include "parallel.hpp"
 #include "simd.hpp"
@@ -12,7 +13,6 @@ namespace stereopsis {
 namespace {
 
 constexpr int kLines = 16;  // lines solved side by side: a cache line of floats
-constexpr int kCell = 4;    // side of the cells in which slopes are smoothed
 // Of what no data speak; small, but its smoothed traces stay far from denormal numbers.
 constexpr float kUnknown = 1e-6f, kNoRise = 1e-12f;
 constexpr float kSteepest = 1.5f, kSlopeStrength = 300.0f;
@@ -37,6 +37,23 @@ struct Strip {
         for (int k = 0; k < kLines; ++k) samples[i * kLines + k] = line[k];
       else
         for (int k = 0; k < kLines; ++k) samples[i * kLines + k] = line[std::min(k, m - 1)];
+    }
+  }
+  // How high the surface with these slopes stands above its first sample.
+  void load_heights(const Slopes& slopes, float* STEREOPSIS_RESTRICT samples) const {
+    const float* const cells = rows ? slopes.right.data() : slopes.down.data();
+    const int n = length(), m = lines();
+    float heights[kLines] = {}, steps[kLines];
+    for (int i = 0; i < n; ++i) {
+      if (i % kCell == 0)
+        for (int k = 0; k < kLines; ++k) {
+          const int line = first + std::min(k, m - 1);
+          steps[k] = cells[rows ? slopes.cell(line, i) : slopes.cell(i, line)];
+        }
+      for (int k = 0; k < kLines; ++k) {
+        samples[i * kLines + k] = heights[k];
+        heights[k] += steps[k];
+      }
     }
   }
   void store(const float* STEREOPSIS_RESTRICT samples, float* STEREOPSIS_RESTRICT plane) const {
@@ -83,7 +100,7 @@ void substitute(const float* STEREOPSIS_RESTRICT rise, const float* STEREOPSIS_R
     }
 }
 
-void smooth_lines(const std::vector<Weighed>& fields, const float* slopes, int height, int width, const float* edges, bool rows,
+void smooth_lines(const std::vector<Weighed>& fields, const Slopes* slopes, int height, int width, const float* edges, bool rows,
                   float strength, const Workers& workers) {
   const int count = rows ? height : width, n = rows ? width : height;
   parallel_rows((count + kLines - 1) / kLines, workers.threads, workers.interrupted,
@@ -95,16 +112,7 @@ void smooth_lines(const std::vector<Weighed>& fields, const float* slopes, int h
     for (int strip = begin; strip < end && !cancel.load(std::memory_order_relaxed); ++strip) {
       const Strip lines{height, width, strip * kLines, rows};
       lines.load(edges, edge);
-      if (slopes) {
-        lines.load(slopes, rise);
-        float height_of[kLines] = {};
-        for (int i = 0; i < n; ++i)
-          for (int k = 0; k < kLines; ++k) {
-            const float step = rise[i * kLines + k];
-            rise[i * kLines + k] = height_of[k];
-            height_of[k] += step;
-          }
-      }
+      if (slopes) lines.load_heights(*slopes, rise);
       for (const Weighed& field : fields) {
         lines.load(field.value, value);
         lines.load(field.weight, weight);
@@ -194,12 +202,12 @@ void smooth(const std::vector<Weighed>& fields, const Slopes* slopes, int height
             float strength, int iterations, const Workers& workers) {
   for (int t = 0; t < iterations; ++t) {
     const float share = static_cast<float>(1.5 * std::pow(4.0, iterations - 1 - t) / (std::pow(4.0, iterations) - 1)) * strength;
-    smooth_lines(fields, slopes ? slopes->right : nullptr, height, width, edges.right.get(), true, share, workers);
-    smooth_lines(fields, slopes ? slopes->down : nullptr, height, width, edges.down.get(), false, share, workers);
+    smooth_lines(fields, slopes, height, width, edges.right.get(), true, share, workers);
+    smooth_lines(fields, slopes, height, width, edges.down.get(), false, share, workers);
   }
 }
 
-SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int height, int width, int channels, const float* table,
+Slopes surface_slopes(const float* disparity, const int32_t* guide, int height, int width, int channels, const float* table,
                          int length, const Workers& workers) {
   const int high = (height + kCell - 1) / kCell, wide = (width + kCell - 1) / kCell;
   const size_t cells = static_cast<size_t>(high) * wide;
@@ -235,18 +243,9 @@ SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int heigh
   const EdgeWeights edges = edge_weights(mean.data(), high, wide, channels, table, length, workers);
   smooth({{rise[0].data(), weight[0].data()}, {rise[1].data(), weight[1].data()}}, nullptr, high, wide, edges, kSlopeStrength, 2,
          workers);
-  const size_t size = static_cast<size_t>(height) * width;
-  SlopeMaps slopes{Unset<float>(size), Unset<float>(size)};
-  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
-    for (int y = begin; y < end; ++y) {
-      const size_t row = static_cast<size_t>(y) * width, cells_row = static_cast<size_t>(y / kCell) * wide;
-      for (int x = 0; x < width; ++x) {
-        slopes.right[row + x] = std::min(std::max(rise[0][cells_row + x / kCell], -kSteepest), kSteepest);
-        slopes.down[row + x] = std::min(std::max(rise[1][cells_row + x / kCell], -kSteepest), kSteepest);
-      }
-    }
-  });
-  return slopes;
+  for (auto& rises : rise)
+    for (float& value : rises) value = std::min(std::max(value, -kSteepest), kSteepest);
+  return {wide, std::move(rise[0]), std::move(rise[1])};
 }
 
 }  // namespace stereopsis

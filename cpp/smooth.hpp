@@ -17,25 +17,26 @@ struct EdgeWeights {
 EdgeWeights edge_weights(const int32_t* guide, int height, int width, int channels, const float* table, int length,
                          const Workers& workers);
 
-// What is smoothed, (H, W) each, in place: values and how much each is worth. With slopes, (H, W) each as well, values are
-// counted from a surface that rises by them from each pixel to the next.
+// How much a surface rises from each pixel to its right, and to its lower neighbour: one number for each cell of kCell x kCell
+// pixels, row by row.
+constexpr int kCell = 4;
+struct Slopes {
+  int wide;  // cells a row
+  std::vector<float> right, down;
+  size_t cell(int y, int x) const { return static_cast<size_t>(y / kCell) * wide + x / kCell; }
+};
+// What is smoothed, (H, W) each, in place: values and how much each is worth. With slopes, values are counted from a surface
+// that rises by them.
 struct Weighed {
   float *value, *weight;
-};
-struct Slopes {
-  const float *right, *down;
 };
 // Solves (I + strength A) v = f along every row, then along every column, `iterations` times with falling strength, for
 // f = weight * value and f = weight; value becomes their quotient. A is the line's graph Laplacian with the edge weights.
 void smooth(const std::vector<Weighed>& fields, const Slopes* slopes, int height, int width, const EdgeWeights& edges,
             float strength, int iterations, const Workers& workers);
 
-// Rise of the surface from each pixel to its right and lower neighbour: differences over gaps of k pixels, where they are at
-// most 1.5 + k / 2, smoothed in cells of 4 x 4 pixels.
-struct SlopeMaps {
-  Unset<float> right, down;
-};
-SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int height, int width, int channels, const float* table,
-                         int length, const Workers& workers);
+// The slopes of a map: differences over gaps of k pixels, where they are at most 1.5 + k / 2, smoothed from cell to cell.
+Slopes surface_slopes(const float* disparity, const int32_t* guide, int height, int width, int channels, const float* table,
+                      int length, const Workers& workers);
 
 }  // namespace stereopsis

@@ -850,7 +850,7 @@ void test_after_the_checks() {
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(6, std::vector<float>(size));
+      std::vector<std::vector<float>> found(9, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -861,7 +861,17 @@ void test_after_the_checks() {
       const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
       probability(answers, model, found[4].data(), workers);
       outlines(map.data(), occluded.data(), grey.data(), alike.data(), H, W, found[5].data(), workers);
+      found[6] = surface;
+      std::vector<uint8_t> flags(occluded);
+      judge({map.data(), sharpness.data()}, {-7, 9, 1.5f, 1, 2}, H, W, found[6].data(), flags.data(), found[7].data(), found[8].data(),
+            workers);
       bool right = true, any = false;
+      for (int k = 0; k < size; ++k) {
+        const float kept = std::min(std::max(surface[k], -7.0f), 9.0f);
+        const bool near = std::fabs(map[k] - kept) < 1.5f;
+        right = right && found[6][k] == kept && flags[k] == (near ? 0 : occluded[k] ? 1 : 2);
+        right = right && (near ? found[7][k] == kept : std::isnan(found[7][k])) && found[8][k] == (near ? sharpness[k] : 0);
+      }
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {
         const bool hole = std::isnan(map[k]);

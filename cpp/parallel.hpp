@@ -25,6 +25,7 @@ inline int resolve_threads(int threads) {
 }
 
 constexpr std::chrono::milliseconds kPatience{100};
+constexpr std::chrono::microseconds kSoon{200};
 
 // Asks `interrupted` ten times a second, and cancels all work once it says so.
 template <class Asked>
@@ -61,7 +62,7 @@ void parallel_rows(int rows, int threads, Asked interrupted, Work work) {
   Asking asking(interrupted, cancelled);
   std::mutex mutex;
   std::condition_variable finished;
-  int running = bands;
+  std::atomic<int> running{bands};
   std::exception_ptr error;
   const auto band = [&](int k, const Cancel& cancel) {
     const int begin = static_cast<int>(static_cast<int64_t>(rows) * k / bands);
@@ -88,6 +89,9 @@ void parallel_rows(int rows, int threads, Asked interrupted, Work work) {
     throw;
   }
   band(bands - 1, asking.cancel());
+  // The others are about to end as well: to sleep, and to be woken, takes longer than most waits.
+  const auto soon = std::chrono::steady_clock::now() + kSoon;
+  while (running > 0 && std::chrono::steady_clock::now() < soon) std::this_thread::yield();
   {
     std::unique_lock<std::mutex> lock(mutex);
     while (!finished.wait_for(lock, kPatience, [&] { return running == 0; })) {

@@ -283,6 +283,7 @@ def _match(
     else:
         with _timed(timings, "match"):
             disparity, confidence, flags = _stream(pixels, chosen, seen)
+    disparity, confidence, flags = map(np.ascontiguousarray, (disparity, confidence, flags))
 
     if "vertical" in chosen.keep:
         lies = chosen.vertical if isinstance(chosen.vertical, Vertical) else Vertical(0.0)
@@ -292,15 +293,16 @@ def _match(
         stages.setdefault("plane", np.zeros(disparity.shape, np.uint8))
     if chosen.texture is not None or "texture" in chosen.keep:
         with _timed(timings, "texture"):
-            gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads)
             if chosen.texture is not None:
                 least = (
                     validate.texture_of_noise(noise.deviation(pixels.left) * pixels.level, chosen.cost.size)
                     if chosen.texture == "auto"
                     else chosen.texture
                 )
-                _refuse(gradient < least / pixels.level, Flag.LOW_TEXTURE, disparity, confidence, flags)
+                window, answers = chosen.cost.size, (disparity, confidence, flags)
+                validate.refuse_dull(pixels.left, window, least / pixels.level, *answers, chosen.threads)
             if "texture" in chosen.keep:
+                gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads)
                 stages["texture"] = gradient * np.float32(pixels.step)
     if chosen.subpixel in FROM_IMAGES:
         with _timed(timings, "subpixel"):
@@ -320,7 +322,7 @@ def _match(
             disparity = refine.median(disparity, chosen.median, chosen.threads)
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
-            _refuse(validate.speckle(disparity, *chosen.speckle), Flag.SPECKLE, disparity, confidence, flags)
+            validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags)
     if chosen.sky:
         with _timed(timings, "sky"):
             # Unchecked winners are of no use as witnesses against the sky.
@@ -347,7 +349,8 @@ def _match(
     elif chosen.fill is not None:
         with _timed(timings, "fill"):
             whole = _filled(chosen.fill, disparity, flags, pixels, beneath, chosen.threads)
-    holes = np.isnan(disparity)
+    if chosen.fill is not None or chosen.confidence is not None or chosen.least_confidence is not None:
+        holes = np.isnan(disparity)
     if chosen.fill is not None:
         flags |= (holes & np.isfinite(whole)) * np.uint8(Flag.FILLED)
         disparity = whole

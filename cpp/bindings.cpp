@@ -21,6 +21,7 @@
 #include "planes.hpp"
 #include "rows.hpp"
 #include "sgm.hpp"
+#include "smooth.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;
@@ -631,11 +632,12 @@ HalfWindow half_window_of(int x, int y) {
 }
 
 // Two tables of weights, fine and coarse.
-SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W) {
+SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W,
+                           const std::string& instructions) {
   require_shape(guide, H, W);
   require(tables.shape(0) == 2 && tables.shape(1) > 0, "two tables");
   const int length = static_cast<int>(tables.shape(1));
-  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength};
+  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength, choose_smoothing(instructions)};
 }
 
 }  // namespace
@@ -919,9 +921,9 @@ NB_MODULE(_core, m) {
   });
 
   m.def("edge_aware", [](const Array<const float, 2>& disparity, const Pixels& guide, const Array<const float, 2>& tables,
-                         float strength, int iterations, const Array<float, 2>& out, int threads) {
+                         float strength, int iterations, const Array<float, 2>& out, int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) { edge_aware(disparity.data(), surfaces, H, W, iterations, out.data(), workers); });
   });
@@ -956,9 +958,9 @@ NB_MODULE(_core, m) {
 
   m.def("fill_surfaces", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded, const Pixels& guide,
                             const Array<const float, 2>& tables, float strength, float least, float most,
-                            const Array<float, 2>& out, int threads) {
+                            const Array<float, 2>& out, int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
     require_shape(occluded, H, W);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {
@@ -966,15 +968,25 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.def("nearer", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
+                     const Array<const float, 2>& again, const Array<float, 2>& out, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require_shape(doubtful, H, W);
+    require_shape(again, H, W);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) { nearer(disparity.data(), doubtful.data(), again.data(), H, W, out.data(), workers); });
+  });
+
   m.def("outlines", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
-                       const Array<const uint8_t, 2>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
+                       const Array<const uint8_t, 3>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
                        int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    for (const auto& bytes : {doubtful, image}) require_shape(bytes, H, W);
+    require_shape(doubtful, H, W);
+    require_shape(image, H, W);
     require_shape(alike, 256);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {
-      outlines(disparity.data(), doubtful.data(), image.data(), alike.data(), H, W, out.data(), workers);
+      outlines(disparity.data(), doubtful.data(), image.data(), static_cast<int>(image.shape(2)), alike.data(), H, W, out.data(), workers);
     });
   });
 

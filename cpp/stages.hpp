@@ -257,6 +257,9 @@ void median(const float* disparity, int height, int width, int size, float* filt
 struct PlanarKernel;
 void planar(const float* disparity, int height, int width, const Window& window, float tolerance, int iterations, float* smooth,
             const PlanarKernel& kernel, const Workers& workers);
+// See smooth.hpp.
+struct Strip;
+using SmoothKernel = void (*)(const Strip& strip, float* memory);
 // A guide image of int32 pixels (H, W, channels), and how alike two pixels are by the largest difference k of their channels:
 // fine[k] where disparities are smoothed, coarse[k] where slopes are; the last of `length` entries for all beyond.
 struct SurfaceGuide {
@@ -265,6 +268,7 @@ struct SurfaceGuide {
   const float *fine, *coarse;
   int length;
   float strength;
+  SmoothKernel kernel;
 };
 // Median over a size x size window, size up to 11, of those pixels that have a value, each weighted by how much it looks like
 // the middle one: ((255 - slope difference / 16)+)^2 / 256, at least 1. Values count in steps of 2^-k, the finest in which the
@@ -319,9 +323,11 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
 // Surfaces go on into holes: what surrounds a hole, smoothed along the guide's edges, where it agrees; else the lower side.
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers);
+// Of what is doubtful the greater of `disparity` and `again`, the latter kept between the ends of the hole on its row.
+void nearer(const float* disparity, const uint8_t* doubtful, const float* again, int height, int width, float* found, const Workers& workers);
 // What is doubtful beside a jump goes to the nearer surface where more of what looks like it, and is not doubtful, lies on it.
-// `alike`: the weight of a vote by the difference of grey levels, 256 of them.
-void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, const int32_t* alike, int height, int width,
-              float* moved, const Workers& workers);
+// `alike`: the weight of a vote by the largest difference of the image's channels, 256 of them.
+void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, int channels, const int32_t* alike, int height,
+              int width, float* moved, const Workers& workers);
 
 }  // namespace stereopsis

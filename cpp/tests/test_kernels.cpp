@@ -21,6 +21,7 @@
 #include "../planes.hpp"
 #include "../rows.hpp"
 #include "../sgm.hpp"
+#include "../smooth.hpp"
 #include "../stages.hpp"
 
 using namespace stereopsis;
@@ -840,17 +841,15 @@ void test_after_the_checks() {
     for (int k = 0; k < 200; ++k) fine[k] = std::max(1e-6f, std::exp(-k / 3.0f)), coarse[k] = std::exp(-k / 20.0f);
     for (int k = 0; k < 257; ++k) logistic[k] = static_cast<float>(k) / 256;
     for (auto& weight : weights) weight = static_cast<float>(random.between(-4, 4));
-    std::vector<uint8_t> grey;
-    for (int k = 0; k < size; ++k) grey.push_back(bytes[k * channels]);
     std::vector<int32_t> alike(256);
     for (int k = 0; k < 256; ++k) alike[k] = 255 - k;
-    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600))};
+    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600)), choose_smoothing("")};
     const LogisticModel model{weights.data(), weights.data(), logistic.data()};
     const int side = 2 * random.below(6) + 1, slope = random.between(0, 4080), iterations = random.between(1, 3);
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(6, std::vector<float>(size));
+      std::vector<std::vector<float>> found(7, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -860,7 +859,8 @@ void test_after_the_checks() {
         if (std::isnan(value)) value = 0;
       const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
       probability(answers, model, found[4].data(), workers);
-      outlines(map.data(), occluded.data(), grey.data(), alike.data(), H, W, found[5].data(), workers);
+      outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
+      nearer(map.data(), occluded.data(), found[3].data(), H, W, found[6].data(), workers);
       bool right = true, any = false;
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {
@@ -871,6 +871,7 @@ void test_after_the_checks() {
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
         right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
       }
+      for (int k = 0; k < size; ++k) right = right && std::isnan(found[6][k]) == std::isnan(map[k]) && !(found[6][k] < map[k]) && (occluded[k] || !(found[6][k] > map[k]));
       CHECK(right, text(H) + "x" + text(W) + " threads " + text(threads));
       if (first.empty()) first = found;
       for (size_t k = 0; k < found.size(); ++k)

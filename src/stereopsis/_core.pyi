@@ -461,7 +461,15 @@ def weighted_median(
     disparity: _F32, guide: _U8, size: int, slope: int, out: _F32, threads: int, /
 ) -> None: ...
 def edge_aware(
-    disparity: _F32, guide: _I32, tables: _F32, strength: float, iterations: int, out: _F32, threads: int, /
+    disparity: _F32,
+    guide: _I32,
+    tables: _F32,
+    strength: float,
+    iterations: int,
+    out: _F32,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
 def probability(
     surface: _F32,
@@ -490,8 +498,10 @@ def fill_surfaces(
     most: float,
     out: _F32,
     threads: int,
+    instructions: str,
     /,
 ) -> None: ...
+def nearer(disparity: _F32, doubtful: _U8, again: _F32, out: _F32, threads: int, /) -> None: ...
 def outlines(disparity: _F32, doubtful: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /) -> None: ...
 def align(
     left: _I32,

@@ -21,6 +21,7 @@
 #include "planes.hpp"
 #include "rows.hpp"
 #include "sgm.hpp"
+#include "smooth.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;
@@ -149,11 +150,12 @@ AlignedPair aligned_pair(const Pixels& left, const Pixels& right) {
 
 template <class T>
 void bind_grey(nb::module_& m) {
-  m.def("grey", [](const Array<const T, 3>& rgb, const Array<T, 3>& out, int threads) {
+  m.def("grey", [](const Array<const T, 3>& rgb, const Array<T, 3>& out, int threads, const std::string& instructions) {
     const int H = rgb.shape(0), W = rgb.shape(1);
     require_shape(rgb, H, W, 3);
     require_shape(out, H, W, 1);
-    run(threads, [&](const Workers& workers) { grey<T>(rgb.data(), H, W, out.data(), workers); });
+    const RowKernels& kernels = choose_rows(instructions);
+    run(threads, [&](const Workers& workers) { grey<T>(rgb.data(), H, W, out.data(), kernels, workers); });
   });
 }
 
@@ -501,12 +503,13 @@ void sgm_match(const Array<const uint64_t, 3>& left, const Array<const uint64_t,
 template <class T>
 void bind_move_rows(nb::module_& m) {
   m.def("move_rows", [](const Array<const T, 3>& image, std::tuple<double, double, double> offset, T lowest, T highest,
-                        const Array<T, 3>& moved, int threads) {
+                        const Array<T, 3>& moved, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
     require(C == 1 || C == 3, "one channel or three");
     require_shape(moved, H, W, C);
+    const RowKernels& kernels = choose_rows(instructions);
     run(threads, [&](const Workers& workers) {
-      move_rows<T>(image.data(), H, W, C, plane_of(offset), lowest, highest, moved.data(), workers);
+      move_rows<T>(image.data(), H, W, C, plane_of(offset), lowest, highest, moved.data(), kernels, workers);
     });
   });
 }
@@ -520,6 +523,29 @@ void bind_texture(nb::module_& m) {
           require_shape(mean, H, W);
           run(threads, [&](const Workers& workers) { texture<T>(image.data(), H, W, C, window, mean.data(), workers); });
         });
+}
+
+Refusal refusal_of(uint8_t bit, const Array<float, 2>& disparity, const Array<float, 2>& confidence,
+                   const Array<uint8_t, 2>& flags, int height, int width) {
+  require_shape(disparity, height, width);
+  require_shape(confidence, height, width);
+  require_shape(flags, height, width);
+  return {disparity.data(), confidence.data(), flags.data(), bit};
+}
+
+template <class T>
+void bind_refuse_dull(nb::module_& m) {
+  m.def("refuse_dull", [](const Array<const T, 3>& image, int window_width, int window_height, double least, uint8_t bit,
+                          const Array<float, 2>& disparity, const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags,
+                          int threads, const std::string& instructions) {
+    const Window window = window_of(window_width, window_height);
+    const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
+    const Refusal refused = refusal_of(bit, disparity, confidence, flags, H, W);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(threads, [&](const Workers& workers) {
+      refuse_dull<T>(image.data(), H, W, C, window, static_cast<float>(least), refused, kernels, workers);
+    });
+  });
 }
 
 template <class T>
@@ -606,11 +632,12 @@ HalfWindow half_window_of(int x, int y) {
 }
 
 // Two tables of weights, fine and coarse.
-SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W) {
+SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W,
+                           const std::string& instructions) {
   require_shape(guide, H, W);
   require(tables.shape(0) == 2 && tables.shape(1) > 0, "two tables");
   const int length = static_cast<int>(tables.shape(1));
-  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength};
+  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength, choose_smoothing(instructions)};
 }
 
 }  // namespace
@@ -734,6 +761,13 @@ NB_MODULE(_core, m) {
   bind_move_rows<uint8_t>(m);
   bind_move_rows<int32_t>(m);
 
+  m.def("halve", [](const Array<const uint8_t, 2>& image, const Array<uint8_t, 2>& means, const std::string& instructions) {
+    const int H = image.shape(0), W = image.shape(1);
+    require_shape(means, H / 2, W / 2);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
+  });
+
   m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach_x, int reach_y, double least,
                       const Array<int32_t, 3>& found, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1);
@@ -794,10 +828,23 @@ NB_MODULE(_core, m) {
   bind_texture<uint8_t>(m);
   bind_texture<int32_t>(m);
 
-  m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out) {
+  m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out,
+                      const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     require_shape(out, H, W);
-    run(1, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), workers); });
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), kernels, workers); });
+  });
+
+  bind_refuse_dull<uint8_t>(m);
+  bind_refuse_dull<int32_t>(m);
+
+  m.def("refuse_speckle", [](int area, float difference, uint8_t bit, const Array<float, 2>& disparity,
+                             const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags, const std::string& instructions) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    const Refusal refused = refusal_of(bit, disparity, confidence, flags, H, W);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) { refuse_speckle(H, W, area, difference, refused, kernels, workers); });
   });
 
   m.def("flood", [](const Array<const uint8_t, 2>& relief, const Array<uint8_t, 2>& out) {
@@ -874,9 +921,9 @@ NB_MODULE(_core, m) {
   });
 
   m.def("edge_aware", [](const Array<const float, 2>& disparity, const Pixels& guide, const Array<const float, 2>& tables,
-                         float strength, int iterations, const Array<float, 2>& out, int threads) {
+                         float strength, int iterations, const Array<float, 2>& out, int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) { edge_aware(disparity.data(), surfaces, H, W, iterations, out.data(), workers); });
   });
@@ -911,9 +958,9 @@ NB_MODULE(_core, m) {
 
   m.def("fill_surfaces", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded, const Pixels& guide,
                             const Array<const float, 2>& tables, float strength, float least, float most,
-                            const Array<float, 2>& out, int threads) {
+                            const Array<float, 2>& out, int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
     require_shape(occluded, H, W);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {
@@ -921,15 +968,25 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.def("nearer", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
+                     const Array<const float, 2>& again, const Array<float, 2>& out, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require_shape(doubtful, H, W);
+    require_shape(again, H, W);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) { nearer(disparity.data(), doubtful.data(), again.data(), H, W, out.data(), workers); });
+  });
+
   m.def("outlines", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
-                       const Array<const uint8_t, 2>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
+                       const Array<const uint8_t, 3>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
                        int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    for (const auto& bytes : {doubtful, image}) require_shape(bytes, H, W);
+    require_shape(doubtful, H, W);
+    require_shape(image, H, W);
     require_shape(alike, 256);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {
-      outlines(disparity.data(), doubtful.data(), image.data(), alike.data(), H, W, out.data(), workers);
+      outlines(disparity.data(), doubtful.data(), image.data(), static_cast<int>(image.shape(2)), alike.data(), H, W, out.data(), workers);
     });
   });
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <vector>
 
@@ -100,10 +101,35 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
   });
 }
 
+void nearer(const float* disparity, const uint8_t* doubtful, const float* again, int height, int width, float* found, const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t row = static_cast<size_t>(y) * width;
+      const auto stands = [&](int x) { return !doubtful[row + x] && !std::isnan(disparity[row + x]); };
+      float before = kNone;
+      for (int x = 0; x < width;) {
+        if (stands(x)) {
+          before = found[row + x] = disparity[row + x];
+          ++x;
+          continue;
+        }
+        int next = x;
+        while (next < width && !stands(next)) ++next;
+        const float after = next < width ? disparity[row + next] : before;
+        const float least = lower(before, after), most = -lower(-before, -after);
+        for (; x < next; ++x) {
+          const float first = disparity[row + x], second = std::min(std::max(again[row + x], least), most);
+          found[row + x] = doubtful[row + x] && !std::isnan(least) && second > first ? second : first;
+        }
+      }
+    }
+  });
+}
+
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers) {
   const size_t size = static_cast<size_t>(height) * width;
-  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
+  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, guide.kernel, workers);
   // Continued from above and below, down and up every column.
   const Unset<float> above(size), below(size), range(size), weight(size), base(size), value(size);
   parallel_rows(width, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
@@ -154,20 +180,20 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
     }
   });
   if (lost.load()) {
+    // Nothing lies beside these, above or below: they begin as the map's median.
     std::vector<float> answers;
-    for (size_t at = 0; at < size; ++at)
-      if (!std::isnan(disparity[at])) answers.push_back(disparity[at]);
+    std::copy_if(disparity, disparity + size, std::back_inserter(answers), [](float v) { return !std::isnan(v); });
     if (answers.empty()) {
       std::fill(filled, filled + size, kNone);
       return;
     }
-    std::nth_element(answers.begin(), answers.begin() + answers.size() / 2, answers.end());
-    const float middle = answers[answers.size() / 2];
+    const auto middle = answers.begin() + static_cast<std::ptrdiff_t>(answers.size() / 2);
+    std::nth_element(answers.begin(), middle, answers.end());
     for (size_t at = 0; at < size; ++at)
-      if (std::isnan(value[at])) value[at] = middle;
+      if (std::isnan(value[at])) value[at] = *middle;
   }
   const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
-  smooth({{value.get(), weight.get()}}, &slopes, height, width, edges, guide.strength, 2, workers);
+  smooth({{value.get(), weight.get()}}, &slopes, height, width, edges, guide.strength, 2, guide.kernel, workers);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
     for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
       if (!std::isnan(disparity[at])) continue;

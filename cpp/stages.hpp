@@ -20,8 +20,9 @@ struct Workers {
 };
 
 // ---- cost: one grey channel of three, (299 R + 587 G + 114 B) / 1000 in 15-bit fixed point, as OpenCV rounds it -------
+struct RowKernels;
 template <class T>
-void grey(const T* rgb, int height, int width, T* grey, const Workers& workers);
+void grey(const T* rgb, int height, int width, T* grey, const RowKernels& kernels, const Workers& workers);
 
 // ---- cost: what a support window sums, for every pixel of the image widened by the window's reach ------------------
 // `pair` holds int32 pixels. `terms` is (H + window.height - 1, W + window.width - 1, D): products l r, or |l - r|.
@@ -186,6 +187,8 @@ struct HalfWindow {
   int x, y;
 };
 struct RowKernels;
+// The rounded means of 2 x 2 pixels each; an odd last row or column is left out.
+void halve(const uint8_t* image, int height, int width, uint8_t* means, const RowKernels& kernels, const Workers& workers);
 // In each whole tile the column and row, every `stride` pixels, whose window has the largest smaller eigenvalue of its
 // summed products of gradients; of equal ones the first. -1, -1 where none exceeds `least`. `found` is (rows, columns, 2).
 void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
@@ -198,7 +201,7 @@ void track(const uint8_t* left, const uint8_t* right, int height, int width, con
 // The image at (x, y + offset(x, y)), by cubic convolution along the column.
 template <class T>
 void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
-               const Workers& workers);
+               const RowKernels& kernels, const Workers& workers);
 
 // 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
 void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
@@ -208,9 +211,22 @@ void match_gaussian(const Pair& pair, const FusedSettings& settings, const Gauss
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.
 template <class T>
 void texture(const T* image, int height, int width, int channels, const Window& window, float* mean, const Workers& workers);
+// A map's pixels that are refused lose their value and their confidence, and get one more bit.
+struct Refusal {
+  float *disparity, *confidence;
+  uint8_t* flags;
+  uint8_t bit;
+};
+// Refuses where the texture is below `least`.
+template <class T>
+void refuse_dull(const T* image, int height, int width, int channels, const Window& window, float least, const Refusal& refused,
+                 const RowKernels& kernels, const Workers& workers);
 // Sets `speckle` where a 4-connected region, in which neighbours differ by at most `difference`, has fewer than `area` pixels.
 void speckle(const float* disparity, int height, int width, int area, float difference, uint8_t* speckle,
-             const Workers& workers);
+             const RowKernels& kernels, const Workers& workers);
+// Refuses these regions.
+void refuse_speckle(int height, int width, int area, float difference, const Refusal& refused, const RowKernels& kernels,
+                    const Workers& workers);
 // How high a flood from above the first row has to rise to reach each pixel: over all 4-connected paths from the first row,
 // the least of the path's highest relief.
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);
@@ -241,6 +257,9 @@ void median(const float* disparity, int height, int width, int size, float* filt
 struct PlanarKernel;
 void planar(const float* disparity, int height, int width, const Window& window, float tolerance, int iterations, float* smooth,
             const PlanarKernel& kernel, const Workers& workers);
+// See smooth.hpp.
+struct Strip;
+using SmoothKernel = void (*)(const Strip& strip, float* memory);
 // A guide image of int32 pixels (H, W, channels), and how alike two pixels are by the largest difference k of their channels:
 // fine[k] where disparities are smoothed, coarse[k] where slopes are; the last of `length` entries for all beyond.
 struct SurfaceGuide {
@@ -249,6 +268,7 @@ struct SurfaceGuide {
   const float *fine, *coarse;
   int length;
   float strength;
+  SmoothKernel kernel;
 };
 // Median over a size x size window, size up to 11, of those pixels that have a value, each weighted by how much it looks like
 // the middle one: ((255 - slope difference / 16)+)^2 / 256, at least 1. Values count in steps of 2^-k, the finest in which the
@@ -303,9 +323,11 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
 // Surfaces go on into holes: what surrounds a hole, smoothed along the guide's edges, where it agrees; else the lower side.
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers);
+// Of what is doubtful the greater of `disparity` and `again`, the latter kept between the ends of the hole on its row.
+void nearer(const float* disparity, const uint8_t* doubtful, const float* again, int height, int width, float* found, const Workers& workers);
 // What is doubtful beside a jump goes to the nearer surface where more of what looks like it, and is not doubtful, lies on it.
-// `alike`: the weight of a vote by the difference of grey levels, 256 of them.
-void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, const int32_t* alike, int height, int width,
-              float* moved, const Workers& workers);
+// `alike`: the weight of a vote by the largest difference of the image's channels, 256 of them.
+void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, int channels, const int32_t* alike, int height,
+              int width, float* moved, const Workers& workers);
 
 }  // namespace stereopsis

@@ -21,6 +21,7 @@
 #include "../planes.hpp"
 #include "../rows.hpp"
 #include "../sgm.hpp"
+#include "../smooth.hpp"
 #include "../stages.hpp"
 
 using namespace stereopsis;
@@ -450,8 +451,8 @@ void test_grey() {
     rgb8.push_back(static_cast<uint8_t>(k < 30 ? 255 : random.below(256)));
     rgb.push_back(k < 30 ? (k < 15 ? 1 << 21 : -(1 << 21)) : random.between(-(1 << 21), 1 << 21));
   }
-  grey(rgb.data(), 5, 7, out.data(), {3, [] { return false; }});
-  grey(rgb8.data(), 5, 7, out8.data(), kAlone);
+  grey(rgb.data(), 5, 7, out.data(), any_rows(random), {3, [] { return false; }});
+  grey(rgb8.data(), 5, 7, out8.data(), any_rows(random), kAlone);
   bool right = true;
   for (int k = 0; k < 35; ++k) {
     const auto exact = [&](const auto* v) { return (9798.0 * v[0] + 19235.0 * v[1] + 3735.0 * v[2]) / 32768; };
@@ -707,7 +708,7 @@ void test_speckle() {
     for (int k = 0; k < H * W; ++k)
       map.push_back(random.below(5) ? static_cast<float>(random.below(6)) * 0.5f : std::numeric_limits<float>::quiet_NaN());
     std::vector<uint8_t> found(map.size());
-    speckle(map.data(), H, W, area, difference, found.data(), kAlone);
+    speckle(map.data(), H, W, area, difference, found.data(), any_rows(random), kAlone);
     // Labels spread until nothing changes any more.
     std::vector<int> label(map.size());
     for (int k = 0; k < H * W; ++k) label[k] = k;
@@ -840,17 +841,15 @@ void test_after_the_checks() {
     for (int k = 0; k < 200; ++k) fine[k] = std::max(1e-6f, std::exp(-k / 3.0f)), coarse[k] = std::exp(-k / 20.0f);
     for (int k = 0; k < 257; ++k) logistic[k] = static_cast<float>(k) / 256;
     for (auto& weight : weights) weight = static_cast<float>(random.between(-4, 4));
-    std::vector<uint8_t> grey;
-    for (int k = 0; k < size; ++k) grey.push_back(bytes[k * channels]);
     std::vector<int32_t> alike(256);
     for (int k = 0; k < 256; ++k) alike[k] = 255 - k;
-    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600))};
+    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600)), choose_smoothing("")};
     const LogisticModel model{weights.data(), weights.data(), logistic.data()};
     const int side = 2 * random.below(6) + 1, slope = random.between(0, 4080), iterations = random.between(1, 3);
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(9, std::vector<float>(size));
+      std::vector<std::vector<float>> found(10, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -860,17 +859,18 @@ void test_after_the_checks() {
         if (std::isnan(value)) value = 0;
       const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
       probability(answers, model, found[4].data(), workers);
-      outlines(map.data(), occluded.data(), grey.data(), alike.data(), H, W, found[5].data(), workers);
-      found[6] = surface;
+      outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
+      nearer(map.data(), occluded.data(), found[3].data(), H, W, found[6].data(), workers);
+      found[7] = surface;
       std::vector<uint8_t> flags(occluded);
-      judge({map.data(), sharpness.data()}, {-7, 9, 1.5f, 1, 2}, H, W, found[6].data(), flags.data(), found[7].data(), found[8].data(),
+      judge({map.data(), sharpness.data()}, {-7, 9, 1.5f, 1, 2}, H, W, found[7].data(), flags.data(), found[8].data(), found[9].data(),
             workers);
       bool right = true, any = false;
       for (int k = 0; k < size; ++k) {
         const float kept = std::min(std::max(surface[k], -7.0f), 9.0f);
         const bool near = std::fabs(map[k] - kept) < 1.5f;
-        right = right && found[6][k] == kept && flags[k] == (near ? 0 : occluded[k] ? 1 : 2);
-        right = right && (near ? found[7][k] == kept : std::isnan(found[7][k])) && found[8][k] == (near ? sharpness[k] : 0);
+        right = right && found[7][k] == kept && flags[k] == (near ? 0 : occluded[k] ? 1 : 2);
+        right = right && (near ? found[8][k] == kept : std::isnan(found[8][k])) && found[9][k] == (near ? sharpness[k] : 0);
       }
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {
@@ -881,6 +881,7 @@ void test_after_the_checks() {
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
         right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
       }
+      for (int k = 0; k < size; ++k) right = right && std::isnan(found[6][k]) == std::isnan(map[k]) && !(found[6][k] < map[k]) && (occluded[k] || !(found[6][k] > map[k]));
       CHECK(right, text(H) + "x" + text(W) + " threads " + text(threads));
       if (first.empty()) first = found;
       for (size_t k = 0; k < found.size(); ++k)
@@ -1009,14 +1010,14 @@ void test_move_rows() {
     std::vector<T> image(static_cast<size_t>(H) * W * C), moved(image.size());
     for (T& pixel : image) pixel = static_cast<T>(random.below(256));
     const Workers workers{random.between(1, 4), [] { return false; }};
-    move_rows<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, 0, 255, moved.data(), workers);
+    move_rows<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, 0, 255, moved.data(), any_rows(random), workers);
     bool right = true;
     for (int y = 0; y < H; ++y)
       for (int i = 0; i < W * C; ++i) right = right && moved[y * W * C + i] == image[clamp(y + shift, 0, H - 1) * W * C + i];
     CHECK(right, text(H) + "x" + text(W) + " by " + text(shift));
     // Steep fields leave the image above and below; what they find there is the edge.
-    move_rows<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, 0, 255, moved.data(), workers);
-    move_rows<T>(image.data(), H, W, C, {0.4, 0.3, -3.7}, 0, 255, moved.data(), workers);
+    move_rows<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, 0, 255, moved.data(), any_rows(random), workers);
+    move_rows<T>(image.data(), H, W, C, {0.4, 0.3, -3.7}, 0, 255, moved.data(), any_rows(random), workers);
   }
 }
 

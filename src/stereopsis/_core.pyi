@@ -16,9 +16,9 @@ largest_stride: int
 
 def instruction_sets() -> list[str]: ...
 @overload
-def grey(rgb: _U8, out: _U8, threads: int, /) -> None: ...
+def grey(rgb: _U8, out: _U8, threads: int, instructions: str, /) -> None: ...
 @overload
-def grey(rgb: _I32, out: _I32, threads: int, /) -> None: ...
+def grey(rgb: _I32, out: _I32, threads: int, instructions: str, /) -> None: ...
 def match_narrow(
     left: _U8,
     right: _U8,
@@ -276,12 +276,27 @@ def warp(
 ) -> None: ...
 @overload
 def move_rows(
-    image: _U8, offset: tuple[float, ...], lowest: int, highest: int, moved: _U8, threads: int, /
+    image: _U8,
+    offset: tuple[float, ...],
+    lowest: int,
+    highest: int,
+    moved: _U8,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
 @overload
 def move_rows(
-    image: _I32, offset: tuple[float, ...], lowest: int, highest: int, moved: _I32, threads: int, /
+    image: _I32,
+    offset: tuple[float, ...],
+    lowest: int,
+    highest: int,
+    moved: _I32,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
+def halve(image: _U8, means: _U8, instructions: str, /) -> None: ...
 def corners(
     image: _U8,
     tile: int,
@@ -371,7 +386,45 @@ def select_at(
 def texture(image: _U8, window_width: int, window_height: int, mean: _F32, threads: int, /) -> None: ...
 @overload
 def texture(image: _I32, window_width: int, window_height: int, mean: _F32, threads: int, /) -> None: ...
-def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None: ...
+@overload
+def refuse_dull(
+    image: _U8,
+    window_width: int,
+    window_height: int,
+    least: float,
+    bit: int,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+@overload
+def refuse_dull(
+    image: _I32,
+    window_width: int,
+    window_height: int,
+    least: float,
+    bit: int,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def speckle(disparity: _F32, area: int, difference: float, out: _U8, instructions: str, /) -> None: ...
+def refuse_speckle(
+    area: int,
+    difference: float,
+    bit: int,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    instructions: str,
+    /,
+) -> None: ...
 def flood(relief: _U8, out: _U8, /) -> None: ...
 def label(inside: _U8, out: _I32, /) -> int: ...
 def accept(
@@ -408,7 +461,15 @@ def weighted_median(
     disparity: _F32, guide: _U8, size: int, slope: int, out: _F32, threads: int, /
 ) -> None: ...
 def edge_aware(
-    disparity: _F32, guide: _I32, tables: _F32, strength: float, iterations: int, out: _F32, threads: int, /
+    disparity: _F32,
+    guide: _I32,
+    tables: _F32,
+    strength: float,
+    iterations: int,
+    out: _F32,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
 def probability(
     surface: _F32,
@@ -437,8 +498,10 @@ def fill_surfaces(
     most: float,
     out: _F32,
     threads: int,
+    instructions: str,
     /,
 ) -> None: ...
+def nearer(disparity: _F32, doubtful: _U8, again: _F32, out: _F32, threads: int, /) -> None: ...
 def outlines(disparity: _F32, doubtful: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /) -> None: ...
 def align(
     left: _I32,

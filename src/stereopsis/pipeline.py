@@ -283,6 +283,7 @@ def _match(
     else:
         with _timed(timings, "match"):
             disparity, confidence, flags = _stream(pixels, chosen, seen)
+    disparity, confidence, flags = map(np.ascontiguousarray, (disparity, confidence, flags))
 
     if "vertical" in chosen.keep:
         lies = chosen.vertical if isinstance(chosen.vertical, Vertical) else Vertical(0.0)
@@ -292,15 +293,16 @@ def _match(
         stages.setdefault("plane", np.zeros(disparity.shape, np.uint8))
     if chosen.texture is not None or "texture" in chosen.keep:
         with _timed(timings, "texture"):
-            gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads)
             if chosen.texture is not None:
                 least = (
                     validate.texture_of_noise(noise.deviation(pixels.left) * pixels.level, chosen.cost.size)
                     if chosen.texture == "auto"
                     else chosen.texture
                 )
-                _refuse(gradient < least / pixels.level, Flag.LOW_TEXTURE, disparity, confidence, flags)
+                window, answers = chosen.cost.size, (disparity, confidence, flags)
+                validate.refuse_dull(pixels.left, window, least / pixels.level, *answers, chosen.threads)
             if "texture" in chosen.keep:
+                gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads)
                 stages["texture"] = gradient * np.float32(pixels.step)
     if chosen.subpixel in FROM_IMAGES:
         with _timed(timings, "subpixel"):
@@ -320,7 +322,7 @@ def _match(
             disparity = refine.median(disparity, chosen.median, chosen.threads)
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
-            _refuse(validate.speckle(disparity, *chosen.speckle), Flag.SPECKLE, disparity, confidence, flags)
+            validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags)
     if chosen.sky:
         with _timed(timings, "sky"):
             # Unchecked winners are of no use as witnesses against the sky.
@@ -347,7 +349,8 @@ def _match(
     elif chosen.fill is not None:
         with _timed(timings, "fill"):
             whole = _filled(chosen.fill, disparity, flags, pixels, beneath, chosen.threads)
-    holes = np.isnan(disparity)
+    if chosen.fill is not None or chosen.confidence is not None or chosen.least_confidence is not None:
+        holes = np.isnan(disparity)
     if chosen.fill is not None:
         flags |= (holes & np.isfinite(whole)) * np.uint8(Flag.FILLED)
         disparity = whole
@@ -371,11 +374,18 @@ def _match(
             )
     if chosen.least_confidence is not None:
         doubtful = ~holes & (confidence < chosen.least_confidence)
-        _doubt(doubtful, chosen.fill, disparity, confidence, flags)
+        if chosen.fill is None:
+            _refuse(doubtful, Flag.MISMATCHED, disparity, confidence, flags)
+        else:
+            with _timed(timings, "refill"):
+                flags |= doubtful * np.uint8(Flag.MISMATCHED | Flag.FILLED)
+                disparity = _refilled(disparity, flags, pixels, chosen, beneath)
     if chosen.outlines:
         with _timed(timings, "outlines"):
             filled = flags & np.uint8(Flag.FILLED)
-            disparity = fill.outlines(disparity, filled, _fused.guide_of(pixels), chosen.threads)
+            disparity = fill.outlines(disparity, filled, _seen(pair, pixels), chosen.threads)
+            if chosen.median is not None:
+                disparity = refine.median(disparity, chosen.median, chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
@@ -401,18 +411,28 @@ def _filled(
             return fill.background(disparity, threads)
 
 
-def _doubt(
-    doubtful: npt.NDArray[np.bool_],
-    fill: str | None,
+def _refilled(
     disparity: DisparityMap,
-    confidence: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
-) -> None:
-    """Refuse what is doubtful; where holes are filled the answer stays, as one that was filled."""
-    if fill is None:
-        _refuse(doubtful, Flag.MISMATCHED, disparity, confidence, flags)
-    else:
-        flags |= doubtful * np.uint8(Flag.MISMATCHED | Flag.FILLED)
+    pixels: cost.Pixels,
+    chosen: Settings,
+    beneath: DisparityMap | None,
+) -> DisparityMap:
+    """What counts as filled, filled once more from the rest; the nearer answer stands."""
+    filled, bounds = flags & np.uint8(Flag.FILLED) > 0, cast(Disparities, chosen.disparities)
+    trusted = np.where(filled, np.float32(np.nan), disparity)
+    again = _filled(cast(str, chosen.fill), trusted, flags, pixels, beneath, chosen.threads)
+    found = fill.nearer(disparity, filled, again, chosen.threads)
+    if chosen.planar is not None:
+        smooth = refine.planar(found, window_size(chosen.planar), chosen.threads)
+        np.copyto(found, smooth, where=filled)
+        np.clip(found, bounds.min, bounds.max - 1, out=found)
+    return found
+
+
+def _seen(pair: Pair, pixels: cost.Pixels) -> npt.NDArray[np.uint8]:
+    """The left image in bytes: in colour, if it is one of them."""
+    return pair.left if pair.left.dtype == np.uint8 and pair.left.ndim == 3 else _fused.guide_of(pixels)
 
 
 def _calibrated(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.types import EVERY, WHOLE, Disparities, DisparityMap, Flag, Halo, Sampling, worst_cost
 
 BoolMap = npt.NDArray[np.bool_]
@@ -262,8 +262,8 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
         Neighbours, of which a pixel has four, belong to one region where they differ by at most this (pixels
         of disparity).
     """
-    found = np.zeros(disparity.shape, np.uint8)
-    _core.speckle(np.ascontiguousarray(disparity), area, difference, found)
+    found = np.empty(disparity.shape, np.uint8)
+    _core.speckle(np.ascontiguousarray(disparity), area, difference, found, _instructions.forced())
     return found.view(bool)
 
 
@@ -329,3 +329,62 @@ def judged(
     told = None if winners is None else np.ascontiguousarray(winners)
     _core.judge(told, np.ascontiguousarray(confidence), *verdict, smooth, flags, *answers, threads)
     return answers
+
+
+def refuse_dull(
+    image: npt.NDArray[Any],
+    window: tuple[int, int],
+    least: float,
+    disparity: DisparityMap,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    threads: int = 0,
+) -> None:
+    """Refuse, in place and as `Flag.LOW_TEXTURE`, where `texture` is below `least`.
+
+    Parameters
+    ----------
+    image : ndarray of uint8 or int32, (H, W, C)
+    window : (width, height)
+    least : float
+        Grey levels a pixel.
+    disparity, confidence : ndarray of float32, (H, W)
+        Contiguous; become NaN and 0.
+    flags : ndarray of uint8, (H, W)
+        Contiguous; get one more bit.
+    threads : int
+    """
+    _require_contiguous(disparity, confidence, flags)
+    _core.refuse_dull(
+        np.ascontiguousarray(image),
+        *window,
+        least,
+        Flag.LOW_TEXTURE.value,
+        disparity,
+        confidence,
+        flags,
+        threads,
+        _instructions.forced(),
+    )
+
+
+def refuse_speckle(
+    disparity: DisparityMap,
+    area: int,
+    difference: float,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+) -> None:
+    """Refuse, in place and as `Flag.SPECKLE`, what `speckle` finds; the arrays are as in `refuse_dull`."""
+    _require_contiguous(disparity, confidence, flags)
+    instructions = _instructions.forced()
+    _core.refuse_speckle(area, difference, Flag.SPECKLE.value, disparity, confidence, flags, instructions)
+
+
+def _require_contiguous(
+    disparity: DisparityMap, confidence: npt.NDArray[np.float32], flags: npt.NDArray[np.uint8]
+) -> None:
+    """Of others the core would change copies."""
+    for name, array in (("disparity", disparity), ("confidence", confidence), ("flags", flags)):
+        if not array.flags.c_contiguous:
+            raise ValueError(f"{name} must be contiguous, not of strides {array.strides}")

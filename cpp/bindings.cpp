@@ -21,7 +21,6 @@
 #include "planes.hpp"
 #include "rows.hpp"
 #include "sgm.hpp"
-#include "smooth.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;
@@ -632,12 +631,11 @@ HalfWindow half_window_of(int x, int y) {
 }
 
 // Two tables of weights, fine and coarse.
-SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W,
-                           const std::string& instructions) {
+SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W) {
   require_shape(guide, H, W);
   require(tables.shape(0) == 2 && tables.shape(1) > 0, "two tables");
   const int length = static_cast<int>(tables.shape(1));
-  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength, choose_smoothing(instructions)};
+  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength};
 }
 
 }  // namespace
@@ -921,9 +919,9 @@ NB_MODULE(_core, m) {
   });
 
   m.def("edge_aware", [](const Array<const float, 2>& disparity, const Pixels& guide, const Array<const float, 2>& tables,
-                         float strength, int iterations, const Array<float, 2>& out, int threads, const std::string& instructions) {
+                         float strength, int iterations, const Array<float, 2>& out, int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) { edge_aware(disparity.data(), surfaces, H, W, iterations, out.data(), workers); });
   });
@@ -958,9 +956,9 @@ NB_MODULE(_core, m) {
 
   m.def("fill_surfaces", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded, const Pixels& guide,
                             const Array<const float, 2>& tables, float strength, float least, float most,
-                            const Array<float, 2>& out, int threads, const std::string& instructions) {
+                            const Array<float, 2>& out, int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
     require_shape(occluded, H, W);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
@@ -12,8 +13,8 @@ namespace {
 // Sums over a side x side window that slides down `map`, edge pixels repeated: one row of them at a time.
 template <class T>
 struct SlidingBox {
-  SlidingBox(const std::vector<T>& map, int height, int width, int side, int y)
-      : map(map.data()), height(height), width(width), reach(side / 2), next(y - side / 2), column(width + side), sums(width) {
+  SlidingBox(const T* map, int height, int width, int side, int y)
+      : map(map), height(height), width(width), reach(side / 2), next(y - side / 2), column(width + side), sums(width) {
     for (; next < y + reach; ++next) add(next, 1);
   }
   // The row after the one before; the first: y.
@@ -58,8 +59,8 @@ inline int32_t whole(float value) { return static_cast<int32_t>(value + 12582912
 void probability(const AnsweredMap& map, const LogisticModel& model, float* confidence, const Workers& workers) {
   const int height = map.height, width = map.width;
   const size_t size = static_cast<size_t>(height) * width;
-  std::vector<int32_t> valid(size), jump(size), off(size), sharp(size), level(size);
-  std::vector<double> square(size);  // their sums are exact as well
+  const Unset<int32_t> valid(size), jump(size), off(size), sharp(size), level(size);
+  const Unset<double> square(size);  // their sums are exact as well
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = 0; x < width; ++x) {
@@ -78,7 +79,7 @@ void probability(const AnsweredMap& map, const LogisticModel& model, float* conf
       }
   });
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    const auto box = [&](const auto& values, int side) { return SlidingBox(values, height, width, side, begin); };
+    const auto box = [&](const auto& values, int side) { return SlidingBox(values.get(), height, width, side, begin); };
     auto valid_box = box(valid, 21), jump_box = box(jump, 31), off_box = box(off, 5), sharp_box = box(sharp, 15);
     auto level_near = box(level, 5), level_wide = box(level, 15), level_widest = box(level, 31);
     auto square_box = box(square, 31);
@@ -89,7 +90,7 @@ void probability(const AnsweredMap& map, const LogisticModel& model, float* conf
       const double* squares = square_box.row();
       const size_t start = static_cast<size_t>(y) * width;
       const float *sharpness = map.sharpness + start, *texture = map.texture + start;
-      const int32_t *own = level.data() + start, *on = valid.data() + start;
+      const int32_t *own = level.get() + start, *on = valid.get() + start;
       for (int x = 0; x < width; ++x) {
         const double sum = widest[x], variance = std::max(961 * squares[x] - sum * sum, 0.0);
         const float spread = static_cast<float>(std::sqrt(variance)) / (961 * kLevels);

@@ -1,6 +1,6 @@
 #include <algorithm>
+#include <atomic>
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <vector>
 
@@ -128,37 +128,39 @@ void nearer(const float* disparity, const uint8_t* doubtful, const float* again,
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers) {
   const size_t size = static_cast<size_t>(height) * width;
-  const SlopeMaps slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, guide.kernel, workers);
+  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
   // Continued from above and below, down and up every column.
-  std::vector<float> above(size, kNone), below(size, kNone), range(size), weight(size), base(size);
+  const Unset<float> above(size), below(size), range(size), weight(size), base(size), value(size);
   parallel_rows(width, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = 0; y < height && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = begin; x < end; ++x) {
         const size_t at = static_cast<size_t>(y) * width + x;
-        above[at] = !std::isnan(disparity[at]) ? disparity[at] : y ? above[at - width] + slopes.down[at - width] : kNone;
+        above[at] = !std::isnan(disparity[at]) ? disparity[at] : y ? above[at - width] + slopes.down[slopes.cell(y - 1, x)] : kNone;
       }
     for (int y = height - 1; y >= 0 && !cancel.load(std::memory_order_relaxed); --y)
       for (int x = begin; x < end; ++x) {
         const size_t at = static_cast<size_t>(y) * width + x;
-        below[at] = !std::isnan(disparity[at]) ? disparity[at] : y + 1 < height ? below[at + width] - slopes.down[at] : kNone;
+        below[at] = !std::isnan(disparity[at]) ? disparity[at] : y + 1 < height ? below[at + width] - slopes.down[slopes.cell(y, x)] : kNone;
       }
   });
+  std::atomic<bool> lost{false};  // whether some pixel sees no answer
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     std::vector<float> before(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       const size_t row = static_cast<size_t>(y) * width;
       float carried = kNone;
       for (int x = 0; x < width; ++x) {
-        if (x) carried += slopes.right[row + x - 1];
+        if (x) carried += slopes.right[slopes.cell(y, x - 1)];
         if (!std::isnan(disparity[row + x])) carried = disparity[row + x];
         before[x] = carried;
       }
       carried = kNone;
+      bool none = false;
       for (int x = width - 1; x >= 0; --x) {
         const size_t at = row + x;
-        carried -= slopes.right[at];
+        carried -= slopes.right[slopes.cell(y, x)];
         if (!std::isnan(disparity[at])) {
-          carried = filled[at] = base[at] = disparity[at];
+          carried = filled[at] = value[at] = disparity[at];
           weight[at] = 1;
           continue;
         }
@@ -169,27 +171,28 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
         }
         range[at] = high - low;
         const float beside = lower(before[x], carried);
-        base[at] = std::isnan(beside) ? lower(above[at], below[at]) : beside;
+        value[at] = base[at] = std::isnan(beside) ? lower(above[at], below[at]) : beside;
         weight[at] = 1e-6f;
+        none |= std::isnan(base[at]);
       }
+      if (none) lost.store(true, std::memory_order_relaxed);
     }
   });
-  std::vector<float> value(base);
-  if (std::any_of(base.begin(), base.end(), [](float v) { return std::isnan(v); })) {
-    // Nothing lies beside these, above or below: they begin as the map's median.
+  if (lost.load()) {
     std::vector<float> answers;
-    std::copy_if(disparity, disparity + size, std::back_inserter(answers), [](float v) { return !std::isnan(v); });
+    for (size_t at = 0; at < size; ++at)
+      if (!std::isnan(disparity[at])) answers.push_back(disparity[at]);
     if (answers.empty()) {
       std::fill(filled, filled + size, kNone);
       return;
     }
-    const auto middle = answers.begin() + static_cast<std::ptrdiff_t>(answers.size() / 2);
-    std::nth_element(answers.begin(), middle, answers.end());
-    for (float& v : value) v = std::isnan(v) ? *middle : v;
+    std::nth_element(answers.begin(), answers.begin() + answers.size() / 2, answers.end());
+    const float middle = answers[answers.size() / 2];
+    for (size_t at = 0; at < size; ++at)
+      if (std::isnan(value[at])) value[at] = middle;
   }
   const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
-  const Slopes rises{slopes.right.data(), slopes.down.data()};
-  smooth({{value.data(), weight.data()}}, &rises, height, width, edges, guide.strength, 2, guide.kernel, workers);
+  smooth({{value.get(), weight.get()}}, &slopes, height, width, edges, guide.strength, 2, workers);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
     for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
       if (!std::isnan(disparity[at])) continue;

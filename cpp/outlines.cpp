@@ -79,7 +79,7 @@ void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* im
     for (int v = std::max(0, y - reach); v <= std::min(height - 1, y + reach); ++v)
       for (int u = std::max(0, x - reach); u <= std::min(width - 1, x + reach); ++u) each(at(v, u));
   };
-  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  parallel_bands(height, 8, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     std::vector<uint8_t> beside(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       std::copy_n(disparity + at(y, 0), width, moved + at(y, 0));

@@ -111,4 +111,15 @@ void quick_rows(int rows, int64_t pixels, int64_t grain, int threads, Asked inte
   work(0, rows, never);
 }
 
+// The same in bands of so many rows, which whatever thread is free takes: for rows that take unequal time.
+template <class Work, class Asked>
+void parallel_bands(int rows, int band, int threads, Asked interrupted, Work work) {
+  const int bands = (rows + band - 1) / band;
+  std::atomic<int> next{0};
+  parallel_rows(std::min(threads, bands), threads, interrupted, [&](int, int, const Cancel& cancel) {
+    for (int k = next++; k < bands && !cancel.load(std::memory_order_relaxed); k = next++)
+      work(k * band, std::min(rows, (k + 1) * band), cancel);
+  });
+}
+
 }  // namespace stereopsis

@@ -30,19 +30,30 @@ constexpr int kPlanarBlock = 16;
 // With fewer samples on the plane than this a pixel stays as it is.
 constexpr int kFewestOnPlane = 6;
 
-// Planes a x + (b y + c) that are held against a map side by side, and a place and the disparity there.
+// Planes a x + (b y + c) that are held against a map side by side.
 constexpr int kSideBySide = 8;
 struct PlanesTried {
   double a[kSideBySide], b[kSideBySide], c[kSideBySide];
 };
-struct Point {
-  float x, y, d;
+// Places and the disparities there.
+struct Points {
+  const double *x, *y, *d;
+  size_t count;
+};
+// What least squares sum of the points within `tolerance` of a plane, about a middle: 1, u, v, w and their products uu, uv, vv,
+// uw, vw. Each sum is one of kSideBySide, the k-th point's being k % kSideBySide.
+struct PlaneSums {
+  double a, b, c, tolerance, x, y, d;
+  double n[kSideBySide], u[kSideBySide], v[kSideBySide], w[kSideBySide];
+  double uu[kSideBySide], uv[kSideBySide], vv[kSideBySide], uw[kSideBySide], vw[kSideBySide];
 };
 
 struct PlanarKernel {
   void (*row)(const PlanarRow&);
   // Adds to each plane's sum how far the points lie off it, each `tolerance` at most.
-  void (*leave)(const Point* points, size_t count, const PlanesTried& planes, double tolerance, double* sums);
+  void (*leave)(const Points& points, const PlanesTried& planes, double tolerance, double* sums);
+  // Of a number of points that kSideBySide divides.
+  void (*sum)(const Points& points, PlaneSums& sums);
 };
 // The build that goes with the named instruction set, or with the best one for an empty name.
 const PlanarKernel& choose_planar(const std::string& name);

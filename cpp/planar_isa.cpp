@@ -101,10 +101,10 @@ void row(const PlanarRow& row) {
 }
 
 // Each sum waits for itself alone: side by side, they take little longer than one.
-void leave(const Point* points, size_t count, const PlanesTried& planes, double tolerance, double* sums) {
+void leave(const Points& points, const PlanesTried& planes, double tolerance, double* sums) {
   using D = Simd::D;
   constexpr int lanes = N / 2, vectors = kSideBySide / lanes;
-  static_assert(kSideBySide % lanes == 0, "whole vectors of planes");
+  static_assert(kSideBySide % lanes == 0, "whole vectors");
   D a[vectors], b[vectors], c[vectors], sum[vectors];
   for (int v = 0; v < vectors; ++v) {
     const int from = v * lanes;
@@ -112,9 +112,8 @@ void leave(const Point* points, size_t count, const PlanesTried& planes, double 
     sum[v] = Simd::load(sums + from);
   }
   const D most = Simd::set(tolerance);
-  for (const Point *at = points, *end = points + count; at != end; ++at) {
-    const double place[3] = {at->x, at->y, at->d};
-    const D x = Simd::set(place[0]), y = Simd::set(place[1]), d = Simd::set(place[2]);
+  for (size_t k = 0; k < points.count; ++k) {
+    const D x = Simd::set(points.x[k]), y = Simd::set(points.y[k]), d = Simd::set(points.d[k]);
     for (int v = 0; v < vectors; ++v) {
       const D off = Simd::sub(Simd::add(Simd::mul(a[v], x), Simd::add(Simd::mul(b[v], y), c[v])), d);
       sum[v] = Simd::add(sum[v], Simd::min(Simd::abs(off), most));
@@ -123,10 +122,45 @@ void leave(const Point* points, size_t count, const PlanesTried& planes, double 
   for (int v = 0; v < vectors; ++v) Simd::store(sums + v * lanes, sum[v]);
 }
 
+// A vector of the sums at a time, so that all of them stay in registers.
+void sum(const Points& points, PlaneSums& sums) {
+  using D = Simd::D;
+  const D a = Simd::set(sums.a), b = Simd::set(sums.b), c = Simd::set(sums.c), tolerance = Simd::set(sums.tolerance);
+  const D middle_x = Simd::set(sums.x), middle_y = Simd::set(sums.y), middle_d = Simd::set(sums.d), one = Simd::set(1.0);
+  for (int lane = 0; lane < kSideBySide; lane += N / 2) {
+    const D none = Simd::set(0.0);
+    D n = none, su = none, sv = none, sw = none, uu = none, uv = none, vv = none, uw = none, vw = none;
+    for (size_t k = lane; k < points.count; k += kSideBySide) {
+      const D x = Simd::load(points.x + k), y = Simd::load(points.y + k), d = Simd::load(points.d + k);
+      const D off = Simd::abs(Simd::sub(Simd::add(Simd::mul(a, x), Simd::add(Simd::mul(b, y), c)), d));
+      const auto on = [&](D value) { return Simd::where_at_most(off, tolerance, value); };
+      const D u = on(Simd::sub(x, middle_x)), v = on(Simd::sub(y, middle_y)), w = on(Simd::sub(d, middle_d));
+      n = Simd::add(n, on(one));
+      su = Simd::add(su, u);
+      sv = Simd::add(sv, v);
+      sw = Simd::add(sw, w);
+      uu = Simd::add(uu, Simd::mul(u, u));
+      uv = Simd::add(uv, Simd::mul(u, v));
+      vv = Simd::add(vv, Simd::mul(v, v));
+      uw = Simd::add(uw, Simd::mul(u, w));
+      vw = Simd::add(vw, Simd::mul(v, w));
+    }
+    Simd::store(sums.n + lane, n);
+    Simd::store(sums.u + lane, su);
+    Simd::store(sums.v + lane, sv);
+    Simd::store(sums.w + lane, sw);
+    Simd::store(sums.uu + lane, uu);
+    Simd::store(sums.uv + lane, uv);
+    Simd::store(sums.vv + lane, vv);
+    Simd::store(sums.uw + lane, uw);
+    Simd::store(sums.vw + lane, vw);
+  }
+}
+
 }  // namespace
 
 extern const PlanarKernel planar;
-const PlanarKernel planar = {row, leave};
+const PlanarKernel planar = {row, leave, sum};
 
 }  // namespace STEREOPSIS_ISA
 }  // namespace stereopsis

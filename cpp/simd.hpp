@@ -155,6 +155,8 @@ struct Simd {
   static STEREOPSIS_INLINE D mul(D a, D b) { return _mm512_mul_pd(a, b); }
   static STEREOPSIS_INLINE D min(D a, D b) { return _mm512_min_pd(a, b); }
   static STEREOPSIS_INLINE D abs(D a) { return _mm512_abs_pd(a); }
+  // v where a <= b, else 0.
+  static STEREOPSIS_INLINE D where_at_most(D a, D b, D v) { return _mm512_maskz_mov_pd(_mm512_cmp_pd_mask(a, b, _CMP_LE_OQ), v); }
   // The lanes of the lower, and of the upper, half.
   static STEREOPSIS_INLINE D lower(I v) { return _mm512_cvtepi32_pd(_mm512_castsi512_si256(v)); }
   static STEREOPSIS_INLINE D upper(I v) { return _mm512_cvtepi32_pd(_mm512_extracti64x4_epi64(v, 1)); }
@@ -268,6 +270,7 @@ struct Simd {
   static STEREOPSIS_INLINE D mul(D a, D b) { return _mm256_mul_pd(a, b); }
   static STEREOPSIS_INLINE D min(D a, D b) { return _mm256_min_pd(a, b); }
   static STEREOPSIS_INLINE D abs(D a) { return _mm256_andnot_pd(set(-0.0), a); }
+  static STEREOPSIS_INLINE D where_at_most(D a, D b, D v) { return _mm256_and_pd(_mm256_cmp_pd(a, b, _CMP_LE_OQ), v); }
   static STEREOPSIS_INLINE D lower(I v) { return _mm256_cvtepi32_pd(_mm256_castsi256_si128(v)); }
   static STEREOPSIS_INLINE D upper(I v) { return _mm256_cvtepi32_pd(_mm256_extracti128_si256(v, 1)); }
   static STEREOPSIS_INLINE void store(float* p, D v) { _mm_storeu_ps(p, _mm256_cvtpd_ps(v)); }
@@ -406,6 +409,7 @@ struct Simd {
   static STEREOPSIS_INLINE D mul(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] * b.v[i]); }
   static STEREOPSIS_INLINE D min(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] < b.v[i] ? a.v[i] : b.v[i]); }
   static STEREOPSIS_INLINE D abs(const D& a) { STEREOPSIS_EACH_DOUBLE(a.v[i] < 0 ? -a.v[i] : a.v[i]); }
+  static STEREOPSIS_INLINE D where_at_most(const D& a, const D& b, const D& v) { STEREOPSIS_EACH_DOUBLE(a.v[i] <= b.v[i] ? v.v[i] : 0.0); }
   static STEREOPSIS_INLINE D lower(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i])); }
   static STEREOPSIS_INLINE D upper(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i + lanes / 2])); }
   static STEREOPSIS_INLINE void store(float* p, const D& v) {

@@ -1,10 +1,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <vector>
 
 #include "parallel.hpp"
 #include "planar.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
 #include "winners.hpp"
 
@@ -21,62 +23,71 @@ struct Draws {
   }
 };
 
-double distance(const Plane& p, const Point& at) { return std::fabs(p.at(at.x, at.y) - at.d); }
+struct Point {
+  double x, y, d;
+};
+
+// Points side by side, so many that kSideBySide divides them; what was added for that lies on no plane.
+class Sample {
+ public:
+  explicit Sample(size_t most) : x_(most + kSideBySide), y_(most + kSideBySide), d_(most + kSideBySide) {}
+  // Whether it has a disparity is no guess for a processor: what has none is written, and then written over.
+  void add(double x, double y, float d) {
+    x_[count_] = x, y_[count_] = y, d_[count_] = d;
+    count_ += d == d;
+  }
+  void close() {
+    for (size_t k = count_; k < count_ + kSideBySide; ++k) x_[k] = y_[k] = 0, d_[k] = kNowhere;
+  }
+  size_t size() const { return count_; }
+  Points points(size_t from, size_t count) const { return {x_.get() + from, y_.get() + from, d_.get() + from, count}; }
+  Points all() const { return points(0, (count_ + kSideBySide - 1) / kSideBySide * kSideBySide); }
+
+ private:
+  static constexpr double kNowhere = 1e30;
+  Unset<double> x_, y_, d_;
+  size_t count_ = 0;
+};
 
 // The plane through three points; false where they lie too close to a line for its slopes to mean anything.
 bool through(const Point& p, const Point& q, const Point& r, Plane* plane) {
-  const double px = p.x, py = p.y, pd = p.d;
-  const double ux = q.x - px, uy = q.y - py, ud = q.d - pd, vx = r.x - px, vy = r.y - py, vd = r.d - pd;
+  const double ux = q.x - p.x, uy = q.y - p.y, ud = q.d - p.d, vx = r.x - p.x, vy = r.y - p.y, vd = r.d - p.d;
   const double twice_area = ux * vy - uy * vx;
   if (std::fabs(twice_area) < 64) return false;
   plane->a = (ud * vy - uy * vd) / twice_area;
   plane->b = (ux * vd - ud * vx) / twice_area;
-  plane->c = pd - plane->a * px - plane->b * py;
+  plane->c = p.d - plane->a * p.x - plane->b * p.y;
   return true;
 }
 
 // Sums over the sample of what each of `count` planes leaves; all stop early once none of them is below `least`.
-void leave(const std::vector<Point>& sample, const Plane* planes, int count, double tolerance, double least,
-           const PlanarKernel& kernel, double* sums) {
+void leave(const Sample& sample, const Plane* planes, int count, double tolerance, double least, const PlanarKernel& kernel,
+           double* sums) {
   constexpr size_t kStretch = 64;
   PlanesTried tried{};
   double sum[kSideBySide] = {};
   for (int i = 0; i < count; ++i) tried.a[i] = planes[i].a, tried.b[i] = planes[i].b, tried.c[i] = planes[i].c;
   for (size_t from = 0; from < sample.size() && *std::min_element(sum, sum + count) < least; from += kStretch)
-    kernel.leave(sample.data() + from, std::min(kStretch, sample.size() - from), tried, tolerance, sum);
+    kernel.leave(sample.points(from, std::min(kStretch, sample.size() - from)), tried, tolerance, sum);
   std::copy_n(sum, count, sums);
 }
 
-// Least squares over the points within `tolerance` of the plane, about their mean, which keeps the sums small. Others count 0
-// times, as a processor guesses badly which these are.
-void polish(const std::vector<Point>& points, double tolerance, Plane* plane) {
-  double n = 0, x = 0, y = 0, d = 0;
-  for (const Point& at : points) {
-    const double on = distance(*plane, at) <= tolerance ? 1 : 0;
-    n += on;
-    x += on * at.x;
-    y += on * at.y;
-    d += on * at.d;
-  }
+// Least squares over the points within `tolerance` of the plane, about their mean, which keeps the sums small.
+void polish(const Sample& sample, double tolerance, const PlanarKernel& kernel, Plane* plane) {
+  const auto total = [](const double* sums) { return std::accumulate(sums, sums + kSideBySide, 0.0); };
+  PlaneSums sums{};
+  sums.a = plane->a, sums.b = plane->b, sums.c = plane->c, sums.tolerance = tolerance;
+  kernel.sum(sample.all(), sums);
+  const double n = total(sums.n);
   if (n < 3) return;
-  x /= n;
-  y /= n;
-  d /= n;
-  double xx = 0, xy = 0, yy = 0, xd = 0, yd = 0;
-  for (const Point& at : points) {
-    const double on = distance(*plane, at) <= tolerance ? 1 : 0;
-    const double u = at.x - x, v = at.y - y, w = at.d - d;
-    xx += on * (u * u);
-    xy += on * (u * v);
-    yy += on * (v * v);
-    xd += on * (u * w);
-    yd += on * (v * w);
-  }
+  sums.x = total(sums.u) / n, sums.y = total(sums.v) / n, sums.d = total(sums.w) / n;
+  kernel.sum(sample.all(), sums);
+  const double xx = total(sums.uu), xy = total(sums.uv), yy = total(sums.vv), xd = total(sums.uw), yd = total(sums.vw);
   const double determinant = xx * yy - xy * xy;
   if (!(determinant > 1e-9 * xx * yy)) return;
   plane->a = (xd * yy - yd * xy) / determinant;
   plane->b = (yd * xx - xd * xy) / determinant;
-  plane->c = d - plane->a * x - plane->b * y;
+  plane->c = sums.d - plane->a * sums.x - plane->b * sums.y;
 }
 
 // What remains of the left window once the right one has explained what it can, up to a factor that all candidates share:
@@ -96,7 +107,7 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
   const size_t places = static_cast<size_t>(std::max(height - search.top, 0)) * width;
   const float* const from = disparity + static_cast<size_t>(search.top) * width;
   const auto point_at = [&](size_t place) -> Point {
-    return {static_cast<float>(place % width), static_cast<float>(search.top + static_cast<int>(place / width)), from[place]};
+    return {static_cast<double>(place % width), static_cast<double>(search.top + static_cast<int>(place / width)), from[place]};
   };
   size_t known = 0;
   for (size_t place = 0; place < places; ++place) known += from[place] == from[place];
@@ -107,17 +118,17 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
   while (sparse < 6 && known << (sparse + 1) <= places) ++sparse;
   const size_t step = std::max<size_t>(1, (places + search.sample - 1) / search.sample >> sparse);
   const auto every = [&](size_t apart) {
-    std::vector<Point> points;
-    points.reserve(std::min(known, places / apart + 1));
+    Sample points(std::min(known, places / apart + 1));
     size_t x = 0;
     int y = search.top;
     for (size_t place = 0; place < places; place += apart, x += apart) {
       for (; x >= static_cast<size_t>(width); x -= width) ++y;
-      if (!std::isnan(from[place])) points.push_back({static_cast<float>(x), static_cast<float>(y), from[place]});
+      points.add(static_cast<double>(x), y, from[place]);
     }
+    points.close();
     return points;
   };
-  const std::vector<Point> sample = every(step);
+  const Sample sample = every(step);
 
   Draws draws{1};
   const size_t choices = (places + step - 1) / step;
@@ -139,7 +150,7 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
       const int y = static_cast<int>(first.y) + draws.below(side) - search.radius;
       const bool inside = x >= 0 && x < width && y >= search.top && y < height;
       // A point without a disparity spoils every comparison below, and so the trial.
-      return {static_cast<float>(x), static_cast<float>(y),
+      return {static_cast<double>(x), static_cast<double>(y),
               inside ? disparity[static_cast<size_t>(y) * width + x] : std::numeric_limits<float>::quiet_NaN()};
     };
     const Point second = another(), third = another();
@@ -163,8 +174,8 @@ int find_plane(const float* disparity, int height, int width, const PlaneSearch&
     }
   });
   *plane = tried[std::min_element(left.begin(), left.end()) - left.begin()];
-  const std::vector<Point> points = every(std::max<size_t>(1, places / kPolished >> sparse));
-  for (const double reach : {2.0, 1.0, 1.0}) polish(points, reach * search.tolerance, plane);
+  const Sample points = every(std::max<size_t>(1, places / kPolished >> sparse));
+  for (const double reach : {2.0, 1.0, 1.0}) polish(points, reach * search.tolerance, kernel, plane);
   int inliers = 0;
   for (int y = search.top; y < height; ++y) {
     const float* const row = disparity + static_cast<size_t>(y) * width;
@@ -178,7 +189,7 @@ void warp(const T* image, int height, int width, int channels, const Surface& su
           const Workers& workers) {
   const int wide = width + 2 * margin;
   const double range = static_cast<double>(highest) - lowest;
-  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  parallel_bands(height, 16, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       const T* row = image + static_cast<size_t>(y) * width * channels;
       T* out = warped + static_cast<size_t>(y) * wide * channels;
@@ -204,7 +215,7 @@ template void warp(const int32_t*, int, int, int, const Surface&, int, int32_t, 
 
 void merge_pass(const Pass& pass, int height, int width, const Hypothesis& best, const Workers& workers) {
   const int wide = width + 2 * pass.margin;
-  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  parallel_bands(height, 16, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
       for (int x = 0; x < width; ++x) {
         const size_t from = static_cast<size_t>(y) * wide + pass.margin + x, to = static_cast<size_t>(y) * width + x;

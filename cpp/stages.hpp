@@ -257,9 +257,6 @@ void median(const float* disparity, int height, int width, int size, float* filt
 struct PlanarKernel;
 void planar(const float* disparity, int height, int width, const Window& window, float tolerance, int iterations, float* smooth,
             const PlanarKernel& kernel, const Workers& workers);
-// See smooth.hpp.
-struct Strip;
-using SmoothKernel = void (*)(const Strip& strip, float* memory);
 // A guide image of int32 pixels (H, W, channels), and how alike two pixels are by the largest difference k of their channels:
 // fine[k] where disparities are smoothed, coarse[k] where slopes are; the last of `length` entries for all beyond.
 struct SurfaceGuide {
@@ -268,7 +265,6 @@ struct SurfaceGuide {
   const float *fine, *coarse;
   int length;
   float strength;
-  SmoothKernel kernel;
 };
 // Median over a size x size window, size up to 11, of those pixels that have a value, each weighted by how much it looks like
 // the middle one: ((255 - slope difference / 16)+)^2 / 256, at least 1. Values count in steps of 2^-k, the finest in which the

@@ -21,7 +21,6 @@
 #include "../planes.hpp"
 #include "../rows.hpp"
 #include "../sgm.hpp"
-#include "../smooth.hpp"
 #include "../stages.hpp"
 
 using namespace stereopsis;
@@ -843,13 +842,13 @@ void test_after_the_checks() {
     for (auto& weight : weights) weight = static_cast<float>(random.between(-4, 4));
     std::vector<int32_t> alike(256);
     for (int k = 0; k < 256; ++k) alike[k] = 255 - k;
-    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600)), choose_smoothing("")};
+    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600))};
     const LogisticModel model{weights.data(), weights.data(), logistic.data()};
     const int side = 2 * random.below(6) + 1, slope = random.between(0, 4080), iterations = random.between(1, 3);
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(7, std::vector<float>(size));
+      std::vector<std::vector<float>> found(10, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -860,8 +859,18 @@ void test_after_the_checks() {
       const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
       probability(answers, model, found[4].data(), workers);
       outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
-      nearer(map.data(), occluded.data(), found[3].data(), H, W, found[6].data(), workers);
+      nearer(map.data(), occluded.data(), found[3].data(), H, W, found[9].data(), workers);
+      found[6] = surface;
+      std::vector<uint8_t> flags(occluded);
+      judge({map.data(), sharpness.data()}, {-7, 9, 1.5f, 1, 2}, H, W, found[6].data(), flags.data(), found[7].data(), found[8].data(),
+            workers);
       bool right = true, any = false;
+      for (int k = 0; k < size; ++k) {
+        const float kept = std::min(std::max(surface[k], -7.0f), 9.0f);
+        const bool near = std::fabs(map[k] - kept) < 1.5f;
+        right = right && found[6][k] == kept && flags[k] == (near ? 0 : occluded[k] ? 1 : 2);
+        right = right && (near ? found[7][k] == kept : std::isnan(found[7][k])) && found[8][k] == (near ? sharpness[k] : 0);
+      }
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {
         const bool hole = std::isnan(map[k]);
@@ -871,7 +880,10 @@ void test_after_the_checks() {
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
         right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
       }
-      for (int k = 0; k < size; ++k) right = right && std::isnan(found[6][k]) == std::isnan(map[k]) && !(found[6][k] < map[k]) && (occluded[k] || !(found[6][k] > map[k]));
+      for (int k = 0; k < size; ++k) {
+        const float value = found[9][k];
+        right = right && std::isnan(value) == std::isnan(map[k]) && !(value < map[k]) && (occluded[k] || !(value > map[k]));
+      }
       CHECK(right, text(H) + "x" + text(W) + " threads " + text(threads));
       if (first.empty()) first = found;
       for (size_t k = 0; k < found.size(); ++k)

@@ -468,7 +468,6 @@ def edge_aware(
     iterations: int,
     out: _F32,
     threads: int,
-    instructions: str,
     /,
 ) -> None: ...
 def probability(
@@ -498,7 +497,6 @@ def fill_surfaces(
     most: float,
     out: _F32,
     threads: int,
-    instructions: str,
     /,
 ) -> None: ...
 def nearer(disparity: _F32, doubtful: _U8, again: _F32, out: _F32, threads: int, /) -> None: ...

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core, _instructions
+from stereopsis import _core
 from stereopsis.smooth import FILL_STRENGTH, edge_tables, guide_of
 from stereopsis.types import WHOLE, DisparityMap, Flag, Halo
 
@@ -140,8 +140,11 @@ def surfaces(
     squares, IEEE TIP 23(12), 2014, doi:10.1109/TIP.2014.2366600.
     """
     filled = np.empty(disparity.shape, np.float32)
-    answers = disparity[np.isfinite(disparity)]
-    least, most = (answers.min(), answers.max()) if answers.size else (0, 0)
+    # Without a selection, of a map without infinity: NaN where there is no answer at all.
+    least, most = (ends.reduce(disparity, axis=None, initial=np.nan) for ends in (np.fmin, np.fmax))
+    if not (np.isfinite(least) and np.isfinite(most)):
+        answers = disparity[np.isfinite(disparity)]
+        least, most = (answers.min(), answers.max()) if answers.size else (0, 0)
     _core.fill_surfaces(
         np.ascontiguousarray(disparity),
         _occluded(flags),
@@ -152,7 +155,6 @@ def surfaces(
         float(most),
         filled,
         threads,
-        _instructions.forced(),
     )
     return filled
 

@@ -16,6 +16,7 @@ import math
 import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeAlias
 
@@ -181,20 +182,26 @@ class Census(_Neighbourhood):
     @property
     def comparisons(self) -> npt.NDArray[np.int32]:
         """Where each comparison looks, (N, 2, 2): of its first and second pixel ``dy, dx``."""
-        width, height = window_size(self.window)
-        right, below = width // 2, height // 2
-        apart = 2 if self.pattern == "sparse" else 1
-        around = [
-            (dy, dx)
-            for dy in range(-below, below + 1, apart)
-            for dx in range(-right, right + 1, apart)
-            if (dy, dx) != (0, 0)
-        ]
-        if self.pattern == "symmetric":
-            pairs = [((dy, dx), (-dy, -dx)) for dy, dx in around if (dy, dx) < (0, 0)]
-        else:
-            pairs = [(neighbour, (0, 0)) for neighbour in around]
-        return np.array(pairs, np.int32).reshape(-1, 2, 2)
+        return _comparisons(*window_size(self.window), self.pattern)
+
+
+@lru_cache(maxsize=64)
+def _comparisons(width: int, height: int, pattern: str) -> npt.NDArray[np.int32]:
+    right, below = width // 2, height // 2
+    apart = 2 if pattern == "sparse" else 1
+    around = [
+        (dy, dx)
+        for dy in range(-below, below + 1, apart)
+        for dx in range(-right, right + 1, apart)
+        if (dy, dx) != (0, 0)
+    ]
+    if pattern == "symmetric":
+        pairs = [((dy, dx), (-dy, -dx)) for dy, dx in around if (dy, dx) < (0, 0)]
+    else:
+        pairs = [(neighbour, (0, 0)) for neighbour in around]
+    found = np.array(pairs, np.int32).reshape(-1, 2, 2)
+    found.setflags(write=False)
+    return found
 
 
 @dataclass(frozen=True)

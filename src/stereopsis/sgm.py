@@ -142,16 +142,11 @@ class SGM:
     def second_penalties(self, unit: float) -> npt.NDArray[np.int32]:
         """P2 in units by the absolute difference of two pixels in grey levels, (256,)."""
         least = self.p1 if self.p2_min is None else self.p2_min
-        return np.array(
-            [
-                _units(
-                    self.p2 if self.contrast is None else max(least, self.p2 / (1 + step / self.contrast)),
-                    unit,
-                )
-                for step in range(256)
-            ],
-            np.int32,
-        )
+        adapted = np.full(256, self.p2)
+        if self.contrast is not None:
+            with np.errstate(over="ignore"):  # next to no contrast
+                adapted = np.maximum(least, self.p2 / (1 + np.arange(256) / self.contrast))
+        return np.floor(adapted / unit + 0.5).astype(np.int32)
 
     def first_penalty(self, unit: float) -> int:
         """P1 in units."""

@@ -497,29 +497,64 @@ static void hamming_plane(const HammingRow& row, const uint8_t* planes, ptrdiff_
 }
 
 #if defined(STEREOPSIS_BITALG)
-// The same for words of which most bits count: the strings' counts, of eight at a time, are shifted together.
+// The same for words of which most bits count: the strings' counts, of eight at a time, are shifted together. Eight pixels that
+// follow each other compare the same aligned vectors of strings, where these lie so that the last pixel's first candidate is
+// the first of eight: pixel k's candidates then begin 7 - k strings later, and what it counts before them, which is written
+// over the last ones of the pixel before, is put right by that one's last few.
 template <bool Added>
 static void hamming_strings(const HammingRow& row, const uint64_t* strings, const uint64_t* left) {
-  const int last = row.width - 1, margin = row.margin;
+  const int last = row.width - 1, end = last + row.margin;
   const ptrdiff_t room = static_cast<ptrdiff_t>(row.room), most = row.width + room, origin = ptrdiff_t{last} + row.first + room;
   const int16_t* const shift = row.shift;
   alignas(64) uint8_t order[64];
   for (int k = 0; k < 64; ++k) order[k] = static_cast<uint8_t>(k % 8 * 8 + k / 8);
   const Vec by_string = load(order);
+  const auto string_of = [&](int column) STEREOPSIS_INLINE_LAMBDA {
+    return _mm512_set1_epi64(static_cast<long long>(left[clamp(column, 0, last)]));
+  };
+  const auto with_next = [&](Vec counts, Vec one, Vec other) STEREOPSIS_INLINE_LAMBDA {
+    return _mm512_shrdi_epi64(counts, _mm512_popcnt_epi64(_mm512_xor_si512(one, other)), 8);
+  };
   uint8_t* costs = row.costs;
-  for (int column = -margin; column <= last + margin; ++column, costs += room) {
-    const int x = static_cast<int>(clamp(column, 0, last));
-    const uint64_t* const right = strings + clamp(origin - column + (shift ? shift[x] : 0), 0, most);
-    const Vec here = _mm512_set1_epi64(static_cast<long long>(left[x]));
+  for (int column = -row.margin; column <= end;) {
+    const ptrdiff_t at = origin - column;
+    if (!Added && !shift && column + 7 <= end && at >= 7 && at <= most && at % 8 == 7) {
+      const uint64_t* const right = strings + (at - 7);
+      Vec here[8], counts[8];
+      unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { here[k] = string_of(column + k), counts[k] = zero(); });
+      for (ptrdiff_t i = 0; i < room; i += 64) {
+        for (int n = 0; n < 64; n += 8) {
+          const Vec eight = load(right + i + n);
+          unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { counts[k] = with_next(counts[k], here[k], eight); });
+        }
+        unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+          const Vec sum = _mm512_permutexvar_epi8(by_string, counts[k]);
+          uint8_t* const to = costs + k * room + i - (7 - k);
+          if (k == 0 && i == 0)
+            _mm512_mask_storeu_epi8(to, ~uint64_t{0} << 7, sum);
+          else
+            store(to, sum);
+        });
+      }
+      const Vec eight = load(right + room);
+      Vec few = zero();
+      unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { few = with_next(few, here[k], eight); });
+      few = _mm512_permutexvar_epi8(by_string, few);  // eight of each pixel
+      unrolled<7>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+        _mm512_mask_storeu_epi8(costs + (k + 1) * room - (7 - k) - 8 * k, ((uint64_t{1} << (7 - k)) - 1) << 8 * k, few);
+      });
+      column += 8, costs += 8 * room;
+      continue;
+    }
+    const Vec here = string_of(column);
+    const uint64_t* const right = strings + clamp(at + (shift ? shift[clamp(column, 0, last)] : 0), 0, most);
     for (ptrdiff_t i = 0; i < room; i += 64) {
-      const auto differing = [&](int k) STEREOPSIS_INLINE_LAMBDA {
-        return _mm512_popcnt_epi64(_mm512_xor_si512(here, load(right + i + 8 * k)));
-      };
-      Vec sum = _mm512_slli_epi64(differing(0), 56);
-      unrolled<8, 1>([&](auto k) STEREOPSIS_INLINE_LAMBDA { sum = _mm512_shrdi_epi64(sum, differing(k), 8); });
+      Vec sum = zero();
+      unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { sum = with_next(sum, here, load(right + i + 8 * k)); });
       sum = _mm512_permutexvar_epi8(by_string, sum);
       store(costs + i, Added ? _mm512_add_epi8(sum, load(costs + i)) : sum);
     }
+    ++column, costs += room;
   }
 }
 #endif

@@ -596,41 +596,54 @@ static void hamming(const HammingRow& row) {
   }
 }
 
-template <class Lane>
-static void aggregate(const AggregateRow& row) {
+// Blocks: vectors of candidates, from i on, that are followed along the row together.
+template <class Lane, int Blocks>
+static STEREOPSIS_INLINE void aggregate_from(const AggregateRow& given, size_t i) {
   constexpr int half = kBytes / 2;
+  const AggregateRow row = given;
   const Vec rounding = STEREOPSIS_V(set1_epi16)(static_cast<short>(1 << row.unit >> 1));
   const __m128i shift = _mm_cvtsi32_si128(row.unit);
-  Lane* out = static_cast<Lane*>(row.costs);
-  for (size_t i = 0; i < row.room; i += kBytes) {
-    // Three distances fit a byte (kMostAggregatedBits); their sums are kept in the order of unpacking, as words.
-    const auto column = [&](size_t at, Vec* words) {
-      const Vec sum = STEREOPSIS_V(add_epi8)(STEREOPSIS_V(add_epi8)(load(row.above + at), load(row.here + at)), load(row.below + at));
-      words[0] = STEREOPSIS_V(unpacklo_epi8)(sum, zero());
-      words[1] = STEREOPSIS_V(unpackhi_epi8)(sum, zero());
-    };
-    Vec one[2], two[2], next[2], total[2], sum[2];
-    column(i, one);
-    column(row.room + i, two);
-    for (int part = 0; part < 2; ++part) total[part] = STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(one[part], two[part]), rounding);
-    for (int x = 0; x < row.width; ++x) {
-      column((x + 2) * row.room + i, next);
+  Lane* out = static_cast<Lane*>(row.costs) + i;
+  // Three distances fit a byte (kMostAggregatedBits); their sums are kept in the order of unpacking, as words.
+  const auto column = [&](size_t at, Vec* words) STEREOPSIS_INLINE_LAMBDA {
+    const Vec sum = STEREOPSIS_V(add_epi8)(STEREOPSIS_V(add_epi8)(load(row.above + at), load(row.here + at)), load(row.below + at));
+    words[0] = STEREOPSIS_V(unpacklo_epi8)(sum, zero());
+    words[1] = STEREOPSIS_V(unpackhi_epi8)(sum, zero());
+  };
+  // The last two columns' sums, and both with the rounding.
+  Vec one[Blocks][2], two[Blocks][2], both[Blocks][2];
+  unrolled<Blocks>([&](auto block) STEREOPSIS_INLINE_LAMBDA {
+    column(i + block * kBytes, one[block]);
+    column(row.room + i + block * kBytes, two[block]);
+    for (int part = 0; part < 2; ++part)
+      both[block][part] = STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(one[block][part], two[block][part]), rounding);
+  });
+  for (int x = 0; x < row.width; ++x, out += row.room)
+    unrolled<Blocks>([&](auto block) STEREOPSIS_INLINE_LAMBDA {
+      Vec next[2], sum[2];
+      column((x + 2) * row.room + i + block * kBytes, next);
       for (int part = 0; part < 2; ++part) {
-        total[part] = STEREOPSIS_V(add_epi16)(total[part], next[part]);
-        sum[part] = STEREOPSIS_V(srl_epi16)(total[part], shift);
-        total[part] = STEREOPSIS_V(sub_epi16)(total[part], one[part]);
-        one[part] = two[part];
-        two[part] = next[part];
+        const Vec total = STEREOPSIS_V(add_epi16)(both[block][part], next[part]);
+        sum[part] = STEREOPSIS_V(srl_epi16)(total, shift);
+        both[block][part] = STEREOPSIS_V(sub_epi16)(total, one[block][part]);
+        one[block][part] = two[block][part];
+        two[block][part] = next[part];
       }
-      Lane* to = out + x * row.room + i;
+      Lane* const to = out + block * kBytes;
       if constexpr (sizeof(Lane) == 1) {
         store(to, STEREOPSIS_V(packus_epi16)(sum[0], sum[1]));
       } else {
         store(to, joined_first(sum[0], sum[1]));
         store(to + half, joined_second(sum[0], sum[1]));
       }
-    }
-  }
+    });
+}
+template <class Lane>
+static void aggregate(const AggregateRow& row) {
+  constexpr int blocks = 2;
+  size_t i = 0;
+  for (; i + blocks * kBytes <= row.room; i += blocks * kBytes) aggregate_from<Lane, blocks>(row, i);
+  for (; i < row.room; i += kBytes) aggregate_from<Lane, 1>(row, i);
 }
 
 // ---- winners ---------------------------------------------------------------------------------------------------------------

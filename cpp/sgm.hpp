@@ -76,8 +76,8 @@ struct PathRow {
   Lane* line;                           // scratch, 2 * room
   const uint16_t* sums_before;          // (width, room), or null for none
   uint16_t* sums;                       // (width, room), or null; beyond the candidates anything
-  // All paths but those of `sums_before`, and those of this row that has them, are these: sums without `sums_before` may be
-  // handed over in any form that the same kernel completes; P2 twice is no more than a lane holds.
+  // P2 twice is no more than a lane holds, and a pixel's paths are this row's and those of `sums_before`, as many: sums without
+  // any before them may have a form of the build's own, in the same memory, which it understands where they are these.
   bool in_pairs;
   const char* soon;                     // 64 bytes a pixel that are asked for soon, or null
 };

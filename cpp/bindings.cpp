@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "dispatch.hpp"
+#include "heap.hpp"
 #include "parallel.hpp"
 #include "planar.hpp"
 #include "planes.hpp"
@@ -148,11 +149,12 @@ AlignedPair aligned_pair(const Pixels& left, const Pixels& right) {
 
 template <class T>
 void bind_grey(nb::module_& m) {
-  m.def("grey", [](const Array<const T, 3>& rgb, const Array<T, 3>& out, int threads) {
+  m.def("grey", [](const Array<const T, 3>& rgb, const Array<T, 3>& out, int threads, const std::string& instructions) {
     const int H = rgb.shape(0), W = rgb.shape(1);
     require_shape(rgb, H, W, 3);
     require_shape(out, H, W, 1);
-    run(threads, [&](const Workers& workers) { grey<T>(rgb.data(), H, W, out.data(), workers); });
+    const RowKernels& kernels = choose_rows(instructions);
+    run(threads, [&](const Workers& workers) { grey<T>(rgb.data(), H, W, out.data(), kernels, workers); });
   });
 }
 
@@ -500,12 +502,13 @@ void sgm_match(const Array<const uint64_t, 3>& left, const Array<const uint64_t,
 template <class T>
 void bind_move_rows(nb::module_& m) {
   m.def("move_rows", [](const Array<const T, 3>& image, std::tuple<double, double, double> offset, T lowest, T highest,
-                        const Array<T, 3>& moved, int threads) {
+                        const Array<T, 3>& moved, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
     require(C == 1 || C == 3, "one channel or three");
     require_shape(moved, H, W, C);
+    const RowKernels& kernels = choose_rows(instructions);
     run(threads, [&](const Workers& workers) {
-      move_rows<T>(image.data(), H, W, C, plane_of(offset), lowest, highest, moved.data(), workers);
+      move_rows<T>(image.data(), H, W, C, plane_of(offset), lowest, highest, moved.data(), kernels, workers);
     });
   });
 }
@@ -519,6 +522,29 @@ void bind_texture(nb::module_& m) {
           require_shape(mean, H, W);
           run(threads, [&](const Workers& workers) { texture<T>(image.data(), H, W, C, window, mean.data(), workers); });
         });
+}
+
+Refusal refusal_of(uint8_t bit, const Array<float, 2>& disparity, const Array<float, 2>& confidence,
+                   const Array<uint8_t, 2>& flags, int height, int width) {
+  require_shape(disparity, height, width);
+  require_shape(confidence, height, width);
+  require_shape(flags, height, width);
+  return {disparity.data(), confidence.data(), flags.data(), bit};
+}
+
+template <class T>
+void bind_refuse_dull(nb::module_& m) {
+  m.def("refuse_dull", [](const Array<const T, 3>& image, int window_width, int window_height, double least, uint8_t bit,
+                          const Array<float, 2>& disparity, const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags,
+                          int threads, const std::string& instructions) {
+    const Window window = window_of(window_width, window_height);
+    const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
+    const Refusal refused = refusal_of(bit, disparity, confidence, flags, H, W);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(threads, [&](const Workers& workers) {
+      refuse_dull<T>(image.data(), H, W, C, window, static_cast<float>(least), refused, kernels, workers);
+    });
+  });
 }
 
 template <class T>
@@ -615,6 +641,7 @@ SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<con
 }  // namespace
 
 NB_MODULE(_core, m) {
+  keep_freed_memory();
   m.attr("narrow_limit") = narrow_limit;
 
   m.def("instruction_sets", [] {
@@ -708,15 +735,17 @@ NB_MODULE(_core, m) {
   });
 
   m.def("find_plane", [](const Array<const float, 2>& disparity, int top, int radius, double most_a, double least_b,
-                         double most_b, double tolerance, int trials, int sample, const Array<double, 1>& found) {
+                         double most_b, double tolerance, int trials, int sample, const Array<double, 1>& found, int threads,
+                         const std::string& instructions) {
     require_shape(found, 3);
     require(top >= 0 && radius >= 0 && trials > 0 && sample > 0, "a search needs trials and a sample");
+    const PlanarKernel& kernel = choose_planar(instructions);
     Plane plane{0, 0, 0};
     int inliers = 0;
-    run(1, [&](const Workers& workers) {
+    run(threads, [&](const Workers& workers) {
       const PlaneSearch search{top, radius, most_a, least_b, most_b, tolerance, trials, sample};
       inliers = find_plane(disparity.data(), static_cast<int>(disparity.shape(0)), static_cast<int>(disparity.shape(1)),
-                           search, &plane, workers);
+                           search, &plane, kernel, workers);
     });
     found(0) = plane.a;
     found(1) = plane.b;
@@ -729,6 +758,13 @@ NB_MODULE(_core, m) {
 
   bind_move_rows<uint8_t>(m);
   bind_move_rows<int32_t>(m);
+
+  m.def("halve", [](const Array<const uint8_t, 2>& image, const Array<uint8_t, 2>& means, const std::string& instructions) {
+    const int H = image.shape(0), W = image.shape(1);
+    require_shape(means, H / 2, W / 2);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
+  });
 
   m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach_x, int reach_y, double least,
                       const Array<int32_t, 3>& found, int threads, const std::string& instructions) {
@@ -790,10 +826,23 @@ NB_MODULE(_core, m) {
   bind_texture<uint8_t>(m);
   bind_texture<int32_t>(m);
 
-  m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out) {
+  m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out,
+                      const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     require_shape(out, H, W);
-    run(1, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), workers); });
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), kernels, workers); });
+  });
+
+  bind_refuse_dull<uint8_t>(m);
+  bind_refuse_dull<int32_t>(m);
+
+  m.def("refuse_speckle", [](int area, float difference, uint8_t bit, const Array<float, 2>& disparity,
+                             const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags, const std::string& instructions) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    const Refusal refused = refusal_of(bit, disparity, confidence, flags, H, W);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) { refuse_speckle(H, W, area, difference, refused, kernels, workers); });
   });
 
   m.def("flood", [](const Array<const uint8_t, 2>& relief, const Array<uint8_t, 2>& out) {
@@ -828,6 +877,32 @@ NB_MODULE(_core, m) {
     const Window window = window_of(window_width, window_height);
     run(threads, [&](const Workers& workers) {
       planar(disparity.data(), H, W, window, tolerance, iterations, out.data(), kernel, workers);
+    });
+  });
+
+  m.def("accept", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
+                     const Array<const uint8_t, 2>& flags, const Array<float, 2>& accepted, const Array<float, 2>& trust,
+                     int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    for (const auto& map : {confidence, Array<const float, 2>(accepted), Array<const float, 2>(trust)}) require_shape(map, H, W);
+    require_shape(flags, H, W);
+    run(threads, [&](const Workers& workers) {
+      accept(disparity.data(), confidence.data(), flags.data(), H, W, accepted.data(), trust.data(), workers);
+    });
+  });
+
+  m.def("judge", [](const std::optional<Array<const float, 2>>& winners, const Array<const float, 2>& confidence, float least,
+                    float most, float near, int revocable, int wrong, const Array<float, 2>& smooth,
+                    const Array<uint8_t, 2>& flags, const Array<float, 2>& accepted, const Array<float, 2>& trust, int threads) {
+    const int H = smooth.shape(0), W = smooth.shape(1);
+    if (winners) require_shape(*winners, H, W);
+    for (const auto& map : {confidence, Array<const float, 2>(accepted), Array<const float, 2>(trust)}) require_shape(map, H, W);
+    require_shape(flags, H, W);
+    require(0 <= revocable && revocable <= 255 && 0 <= wrong && wrong <= 255, "flags have 8 bits");
+    const Evidence seen{winners ? winners->data() : nullptr, confidence.data()};
+    const Verdict verdict{least, most, near, static_cast<uint8_t>(revocable), static_cast<uint8_t>(wrong)};
+    run(threads, [&](const Workers& workers) {
+      judge(seen, verdict, H, W, smooth.data(), flags.data(), accepted.data(), trust.data(), workers);
     });
   });
 

@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "rows.hpp"
 #include "score.hpp"
 #include "stages.hpp"
 
@@ -143,18 +144,20 @@ void narrow_score(const Pair& pair, const Window& window, CostKind cost, const i
 }  // namespace
 
 template <class T>
-void grey(const T* rgb, int height, int width, T* grey, const Workers& workers) {
-  using Sum = typename std::conditional<sizeof(T) == 1, int32_t, int64_t>::type;
-  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
-    const size_t last = static_cast<size_t>(end) * width;
-    for (size_t k = static_cast<size_t>(begin) * width; k < last; ++k) {
-      const Sum sum = Sum{9798} * rgb[3 * k] + Sum{19235} * rgb[3 * k + 1] + Sum{3735} * rgb[3 * k + 2];
-      grey[k] = static_cast<T>((sum + (1 << 14)) >> 15);
+void grey(const T* rgb, int height, int width, T* grey, const RowKernels& kernels, const Workers& workers) {
+  const int64_t pixels = static_cast<int64_t>(height) * width;
+  quick_rows(height, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t at = static_cast<size_t>(y) * width;
+      if constexpr (sizeof(T) == 1)
+        kernels.grey_bytes(rgb + 3 * at, width, grey + at);
+      else
+        kernels.grey_words(rgb + 3 * at, width, grey + at);
     }
   });
 }
-template void grey(const uint8_t*, int, int, uint8_t*, const Workers&);
-template void grey(const int32_t*, int, int, int32_t*, const Workers&);
+template void grey(const uint8_t*, int, int, uint8_t*, const RowKernels&, const Workers&);
+template void grey(const int32_t*, int, int, int32_t*, const RowKernels&, const Workers&);
 
 void terms(const Pair& pair, const Window& window, Term term, int64_t* terms, const Workers& workers) {
   const int H = pair.height, W = pair.width, C = pair.channels, D = pair.count;

@@ -130,6 +130,17 @@ class Template {
 
 }  // namespace
 
+void halve(const uint8_t* image, int height, int width, uint8_t* means, const RowKernels& kernels, const Workers& workers) {
+  const int rows = height / 2, columns = width / 2;
+  const int64_t pixels = static_cast<int64_t>(rows) * columns;
+  quick_rows(rows, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const uint8_t* const above = image + 2 * static_cast<size_t>(y) * width;
+      kernels.halve(above, above + width, columns, means + static_cast<size_t>(y) * columns);
+    }
+  });
+}
+
 void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
              const RowKernels& kernels, const Workers& workers) {
   const Windows windows{image, image, height, width, 2 * reach.y + 1};
@@ -194,35 +205,19 @@ void track(const uint8_t* left, const uint8_t* right, int height, int width, con
   });
 }
 
-namespace {
-
-// Columns [begin, end) of a row, `part` of the way from row p1 to row p2, which differs from column to column.
-template <int C, class T>
-void between(const T* const (&rows)[4], const float* part, int begin, int end, T lowest, float range, T* out) {
-  const T *p0 = rows[0], *p1 = rows[1], *p2 = rows[2], *p3 = rows[3];
-  for (int x = begin; x < end; ++x) {
-    const float t = std::min(std::max(part[x], 0.0f), 1.0f);
-    const float w0 = t * (t * (2 - t) - 1) * 0.5f, w1 = (t * t * (3 * t - 5) + 2) * 0.5f;
-    const float w2 = t * (t * (4 - 3 * t) + 1) * 0.5f, w3 = t * t * (t - 1) * 0.5f;
-    for (int i = x * C; i < (x + 1) * C; ++i) {
-      // Counted from the lowest value, pixels of up to 24 bits are exact as floats.
-      const float a = static_cast<float>(p0[i] - lowest), b = static_cast<float>(p1[i] - lowest);
-      const float c = static_cast<float>(p2[i] - lowest), d = static_cast<float>(p3[i] - lowest);
-      const float value = w0 * a + w1 * b + w2 * c + w3 * d;
-      out[i] = static_cast<T>(static_cast<int32_t>(std::min(std::max(value, 0.0f), range) + 0.5f) + lowest);
-    }
-  }
-}
-
-}  // namespace
-
 template <class T>
 void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
-               const Workers& workers) {
+               const RowKernels& kernels, const Workers& workers) {
   const float range = static_cast<float>(static_cast<double>(highest) - lowest);
-  const auto kernel = channels == 1 ? &between<1, T> : &between<3, T>;
+  const auto kernel = [&] {
+    if constexpr (sizeof(T) == 1)
+      return kernels.between_bytes;
+    else
+      return kernels.between_words;
+  }();
   const int64_t stride = static_cast<int64_t>(width) * channels;
-  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  const int64_t pixels = height * stride;
+  quick_rows(height, pixels, 1 << 18, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     std::vector<float> part(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       // Two rows beyond the image every row that is read is the edge's.
@@ -244,13 +239,14 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
         for (int u = x; u < low; ++u) part[u] = static_cast<float>(start + offset.a * u);
         const auto row = [&](int k) { return image + std::min(std::max(whole + k, 0), height - 1) * stride; };
         const T* const rows[4] = {row(-1), row(0), row(1), row(2)};
-        kernel(rows, part.data(), x, low, lowest, range, moved + y * stride);
+        kernel(rows, part.data(), x, low, channels, lowest, range, moved + y * stride);
         x = low;
       }
     }
   });
 }
-template void move_rows(const uint8_t*, int, int, int, const Plane&, uint8_t, uint8_t, uint8_t*, const Workers&);
-template void move_rows(const int32_t*, int, int, int, const Plane&, int32_t, int32_t, int32_t*, const Workers&);
+template void move_rows(const uint8_t*, int, int, int, const Plane&, uint8_t, uint8_t, uint8_t*, const RowKernels&, const Workers&);
+template void move_rows(const int32_t*, int, int, int, const Plane&, int32_t, int32_t, int32_t*, const RowKernels&,
+                        const Workers&);
 
 }  // namespace stereopsis

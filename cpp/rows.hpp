@@ -1,6 +1,7 @@
 // Loops over rows of maps and images, one build for each instruction set.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 
@@ -18,7 +19,37 @@ struct Windows {
 // How many pixels beyond its margin a row must have room for.
 constexpr int kRowRoom = 64;
 
+// A row of a map, and what is to become of pixels of it that are refused: no value, no confidence, one more bit.
+struct RowRefusal {
+  float *disparity, *confidence;
+  uint8_t* flags;
+  uint8_t bit;
+};
+
 struct RowKernels {
+  // `count` grey pixels of as many of three channels, as `grey` has them.
+  void (*grey_bytes)(const uint8_t* rgb, size_t count, uint8_t* grey);
+  void (*grey_words)(const int32_t* rgb, size_t count, int32_t* grey);
+  // The rounded means of 2 x 2 pixels of two rows, `count` of them.
+  void (*halve)(const uint8_t* above, const uint8_t* below, int count, uint8_t* means);
+  // Columns [begin, end) of a row `part` of the way from row 1 to row 2 of four, counted from the lowest value.
+  void (*between_bytes)(const uint8_t* const* rows, const float* part, int begin, int end, int channels, uint8_t lowest,
+                        float range, uint8_t* out);
+  void (*between_words)(const int32_t* const* rows, const float* part, int begin, int end, int channels, int32_t lowest,
+                        float range, int32_t* out);
+  // Adds the gradients of a row of bytes, of one channel, to those of the columns, and takes those of another row away.
+  void (*change_gradients)(const uint8_t* added, const uint8_t* removed, int width, uint16_t* columns);
+  // The sum of `size` columns from each on; both arrays have room for kRowRoom columns more.
+  void (*sum_columns)(const uint16_t* columns, int width, int size, uint16_t* sums);
+  // Refuses the pixels of a row whose sum is at most that.
+  void (*refuse_low)(const uint16_t* sums, uint16_t most, int width, const RowRefusal& refused);
+  // Of a row's pixels, 64 a word and the first in the lowest bit, with 0 beyond the last one. Which ones go on into the next one:
+  // they are apart by at most that, or neither has a value.
+  void (*go_on)(const float* row, int width, float difference, uint64_t* bits);
+  // Which ones have a value.
+  void (*have_values)(const float* row, int width, uint64_t* bits);
+  // Which ones are apart from the one above by at most that.
+  void (*meet)(const float* row, const float* above, int width, float difference, uint64_t* bits);
   // Median of those of nine pixels that have a value; the rows have a margin of one pixel.
   void (*median_of_nine)(const float* above, const float* here, const float* below, int width, float* filtered);
   // The same of 25 pixels in five rows, which have a margin of two pixels.

@@ -12,6 +12,146 @@ namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
+// ---- images ---------------------------------------------------------------------------------------------------------------
+
+template <class Sum, class T>
+static void grey(const T* STEREOPSIS_RESTRICT rgb, size_t count, T* STEREOPSIS_RESTRICT grey) {
+  for (size_t k = 0; k < count; ++k) {
+    const Sum sum = Sum{9798} * rgb[3 * k] + Sum{19235} * rgb[3 * k + 1] + Sum{3735} * rgb[3 * k + 2];
+    grey[k] = static_cast<T>((sum + (1 << 14)) >> 15);
+  }
+}
+
+static void halve(const uint8_t* STEREOPSIS_RESTRICT above, const uint8_t* STEREOPSIS_RESTRICT below, int count,
+                  uint8_t* STEREOPSIS_RESTRICT means) {
+  for (int x = 0; x < count; ++x)
+    means[x] = static_cast<uint8_t>((above[2 * x] + above[2 * x + 1] + below[2 * x] + below[2 * x + 1] + 2) >> 2);
+}
+
+template <int C, class T>
+static STEREOPSIS_INLINE void between_rows(const T* const* rows, const float* STEREOPSIS_RESTRICT part, int begin, int end, T lowest,
+                                           float range, T* STEREOPSIS_RESTRICT out) {
+  const T *p0 = rows[0], *p1 = rows[1], *p2 = rows[2], *p3 = rows[3];
+  for (int x = begin; x < end; ++x) {
+    const float some = part[x] < 0.0f ? 0.0f : part[x], t = some > 1.0f ? 1.0f : some;
+    const float w0 = t * (t * (2 - t) - 1) * 0.5f, w1 = (t * t * (3 * t - 5) + 2) * 0.5f;
+    const float w2 = t * (t * (4 - 3 * t) + 1) * 0.5f, w3 = t * t * (t - 1) * 0.5f;
+    for (int i = x * C; i < (x + 1) * C; ++i) {
+      // Counted from the lowest value, pixels of up to 24 bits are exact as floats.
+      const float a = static_cast<float>(p0[i] - lowest), b = static_cast<float>(p1[i] - lowest);
+      const float c = static_cast<float>(p2[i] - lowest), d = static_cast<float>(p3[i] - lowest);
+      const float value = w0 * a + w1 * b + w2 * c + w3 * d;
+      const float positive = value < 0.0f ? 0.0f : value, kept = positive > range ? range : positive;
+      out[i] = static_cast<T>(static_cast<int32_t>(kept + 0.5f) + lowest);
+    }
+  }
+}
+
+template <class T>
+static void between(const T* const* rows, const float* part, int begin, int end, int channels, T lowest, float range, T* out) {
+  if (channels == 1)
+    between_rows<1>(rows, part, begin, end, lowest, range, out);
+  else
+    between_rows<3>(rows, part, begin, end, lowest, range, out);
+}
+
+// ---- what the windows of an image hold of texture -------------------------------------------------------------------------
+
+// The absolute difference of a pixel's neighbours in the row.
+static STEREOPSIS_INLINE uint8_t gradient(uint8_t before, uint8_t after) {
+  const uint8_t less = before < after ? before : after, more = before < after ? after : before;
+  return static_cast<uint8_t>(more - less);
+}
+
+static void change_gradients(const uint8_t* STEREOPSIS_RESTRICT added, const uint8_t* STEREOPSIS_RESTRICT removed, int width,
+                             uint16_t* STEREOPSIS_RESTRICT columns) {
+  if (width == 1) return;
+  // Edge pixels are repeated.
+  columns[0] = static_cast<uint16_t>(columns[0] + gradient(added[0], added[1]) - gradient(removed[0], removed[1]));
+  for (int x = 1; x < width - 1; ++x) {
+    const uint16_t more = gradient(added[x - 1], added[x + 1]), less = gradient(removed[x - 1], removed[x + 1]);
+    columns[x] = static_cast<uint16_t>(columns[x] + more - less);
+  }
+  const int last = width - 1;
+  columns[last] = static_cast<uint16_t>(columns[last] + gradient(added[last - 1], added[last]) - gradient(removed[last - 1], removed[last]));
+}
+
+static void sum_columns(const uint16_t* STEREOPSIS_RESTRICT columns, int width, int size, uint16_t* STEREOPSIS_RESTRICT sums) {
+  for (int x = 0; x < width; x += kRowRoom) {
+    uint16_t sum[kRowRoom] = {};
+    for (int k = 0; k < size; ++k)
+      for (int u = 0; u < kRowRoom; ++u) sum[u] = static_cast<uint16_t>(sum[u] + columns[x + k + u]);
+    std::memcpy(sums + x, sum, sizeof(sum));
+  }
+}
+
+static void refuse_low(const uint16_t* STEREOPSIS_RESTRICT sums, uint16_t most, int width, const RowRefusal& refused) {
+  float *STEREOPSIS_RESTRICT disparity = refused.disparity, *STEREOPSIS_RESTRICT confidence = refused.confidence;
+  uint8_t* STEREOPSIS_RESTRICT flags = refused.flags;
+  const uint8_t bit = refused.bit;
+  for (int x = 0; x < width; ++x) {
+    disparity[x] = sums[x] <= most ? std::numeric_limits<float>::quiet_NaN() : disparity[x];
+    confidence[x] = sums[x] <= most ? 0.0f : confidence[x];
+  }
+  for (int x = 0; x < width; ++x) flags[x] = static_cast<uint8_t>(flags[x] | (sums[x] <= most ? bit : 0));
+}
+
+// ---- runs of a map's rows -------------------------------------------------------------------------------------------------
+
+// Which of 64 bytes, each 0 or 1, are set: the first in the lowest bit.
+static STEREOPSIS_INLINE uint64_t pack(const uint8_t* bytes) {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  const __m512i all = _mm512_loadu_si512(bytes);
+  return _mm512_test_epi8_mask(all, all);
+#elif STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx2
+  const auto half = [&](int from) STEREOPSIS_INLINE_LAMBDA {
+    const __m256i values = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(bytes + from));
+    return static_cast<uint32_t>(_mm256_movemask_epi8(_mm256_slli_epi16(values, 7)));
+  };
+  return half(0) | static_cast<uint64_t>(half(32)) << 32;
+#else
+  uint64_t bits = 0;
+  for (int k = 63; k >= 0; --k) bits = bits << 1 | bytes[k];
+  return bits;
+#endif
+}
+
+// Bits [0, width) say what `holds` says of a pixel, those beyond in the last word nothing.
+template <class Holds>
+static STEREOPSIS_INLINE void each_pixel(int width, uint64_t* STEREOPSIS_RESTRICT bits, const Holds& holds) {
+  uint8_t bytes[64];
+  int x = 0;
+  for (; x + 64 <= width; x += 64) {
+    for (int u = 0; u < 64; ++u) bytes[u] = holds(x + u);
+    bits[x / 64] = pack(bytes);
+  }
+  if (x == width) return;
+  for (int u = 0; u < 64; ++u) bytes[u] = x + u < width && holds(x + u);
+  bits[x / 64] = pack(bytes);
+}
+
+static STEREOPSIS_INLINE bool apart_by_at_most(float difference, float a, float b) {
+  const float apart = a - b;
+  return (apart < 0 ? -apart : apart) <= difference;
+}
+
+static void go_on(const float* row, int width, float difference, uint64_t* bits) {
+  each_pixel(width - 1, bits, [&](int x) STEREOPSIS_INLINE_LAMBDA {
+    const float here = row[x + 1], before = row[x];
+    return apart_by_at_most(difference, here, before) | ((here != here) & (before != before));
+  });
+}
+
+static void have_values(const float* row, int width, uint64_t* bits) {
+  each_pixel(width, bits, [&](int x) STEREOPSIS_INLINE_LAMBDA { return row[x] == row[x]; });
+}
+
+static void meet(const float* row, const float* above, int width, float difference, uint64_t* bits) {
+  each_pixel(width, bits, [&](int x) STEREOPSIS_INLINE_LAMBDA { return apart_by_at_most(difference, row[x], above[x]); });
+}
+
+// ---- medians --------------------------------------------------------------------------------------------------------------
+
 // By minima and maxima alone, which vectorise: in order, what has no value coming last, the median is the mean of places
 // (n - 1) / 2 and n / 2.
 static void median_of_nine(const float* STEREOPSIS_RESTRICT above, const float* STEREOPSIS_RESTRICT here,
@@ -118,31 +258,26 @@ struct Bytes {
   }
 };
 
-template <class T>
-static STEREOPSIS_INLINE double total(const T* column) {
-  double sum = 0;
-  for (int u = 0; u < kUsualColumns; ++u) sum += static_cast<double>(column[u]);
-  return sum;
-}
-
 static double cornerness(const Windows& windows, int x, int y) {
   const int stride = windows.width, reach = kUsualColumns / 2, above = windows.rows / 2;
   const uint8_t* const end = windows.left + static_cast<size_t>(windows.height) * stride;
-  int32_t xx[kWide] = {}, xy[kWide] = {}, yy[kWide] = {};
+  alignas(64) int16_t counts[kWide];
+  for (int u = 0; u < kWide; ++u) counts[u] = u < kUsualColumns ? -1 : 0;
+  int32_t xx = 0, xy = 0, yy = 0;  // at most 15 rows of 13 products of 255 x 255
   for (int v = y - above; v <= y + above; ++v) {
     const uint8_t* const row = windows.left + static_cast<size_t>(v) * stride + x - reach;
     const bool room = end - (row + stride) > kWide;
     const Bytes before(row - 1, end, room), after(row + 1, end, room), higher(row - stride, end, room), lower(row + stride, end, room);
     for (int u = 0; u < kWide; ++u) {
-      const int32_t gx = after.at[u] - before.at[u], gy = lower.at[u] - higher.at[u];
-      xx[u] += gx * gx;
-      xy[u] += gx * gy;
-      yy[u] += gy * gy;
+      const int16_t gx = static_cast<int16_t>((after.at[u] - before.at[u]) & counts[u]);
+      const int16_t gy = static_cast<int16_t>((lower.at[u] - higher.at[u]) & counts[u]);
+      xx += gx * gx;
+      xy += gx * gy;
+      yy += gy * gy;
     }
   }
-  // Whole numbers below 2^53: exact in any order.
-  const double sum_xx = total(xx), sum_xy = total(xy), sum_yy = total(yy), half = 0.5 * (sum_xx - sum_yy);
-  return 0.5 * (sum_xx + sum_yy) - std::sqrt(half * half + sum_xy * sum_xy);
+  const double half = 0.5 * (xx - yy), mixed = xy;
+  return 0.5 * (static_cast<double>(xx) + yy) - std::sqrt(half * half + mixed * mixed);
 }
 
 // What a step needs of a right window w: its variance times its pixels, and its products with the template and the gradients.
@@ -158,48 +293,107 @@ struct Template {
   float value[kTallestUsual][kWide], gx[kTallestUsual][kWide], gy[kTallestUsual][kWide];
 };
 
+// kWide numbers side by side.
+struct Wide {
+  static constexpr int parts = kWide / Simd::lanes;
+  Simd::F part[parts];
+
+  static STEREOPSIS_INLINE Wide all(float value) {
+    Wide r;
+    for (int k = 0; k < parts; ++k) r.part[k] = Simd::set(value);
+    return r;
+  }
+  static STEREOPSIS_INLINE Wide load(const float* from) {
+    Wide r;
+    for (int k = 0; k < parts; ++k) r.part[k] = Simd::load(from + k * Simd::lanes);
+    return r;
+  }
+  static STEREOPSIS_INLINE Wide load(const uint8_t* from) {
+    Wide r;
+    for (int k = 0; k < parts; ++k) {
+      const uint8_t* const at = from + k * Simd::lanes;
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+      r.part[k] = Simd::to_float(_mm512_cvtepu8_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(at))));
+#elif STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx2
+      r.part[k] = Simd::to_float(_mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(at))));
+#else
+      for (int i = 0; i < Simd::lanes; ++i) r.part[k].v[i] = static_cast<float>(at[i]);
+#endif
+    }
+    return r;
+  }
+  STEREOPSIS_INLINE void store(float* to) const {
+    for (int k = 0; k < parts; ++k) Simd::store(to + k * Simd::lanes, part[k]);
+  }
+  STEREOPSIS_INLINE Wide operator+(const Wide& other) const {
+    Wide r;
+    for (int k = 0; k < parts; ++k) r.part[k] = Simd::add(part[k], other.part[k]);
+    return r;
+  }
+  STEREOPSIS_INLINE Wide operator-(const Wide& other) const {
+    Wide r;
+    for (int k = 0; k < parts; ++k) r.part[k] = Simd::sub(part[k], other.part[k]);
+    return r;
+  }
+  STEREOPSIS_INLINE Wide operator*(const Wide& other) const {
+    Wide r;
+    for (int k = 0; k < parts; ++k) r.part[k] = Simd::mul(part[k], other.part[k]);
+    return r;
+  }
+  // Of the window's columns: halves are laid upon each other until one is left, in all builds alike.
+  STEREOPSIS_INLINE double total() const {
+    float column[kWide];
+    store(column);
+    float eight[8], four[4];
+    for (int u = 0; u < 8; ++u) eight[u] = u + 8 < kUsualColumns ? column[u] + column[u + 8] : column[u];
+    for (int u = 0; u < 4; ++u) four[u] = eight[u] + eight[u + 4];
+    return (four[0] + four[2]) + (four[1] + four[3]);
+  }
+};
+
 static void take(const Windows& windows, int x, int y, Template& mine) {
   const int stride = windows.width, reach = kUsualColumns / 2;
   const uint8_t* const end = windows.left + static_cast<size_t>(windows.height) * stride;
-  float value[kWide] = {}, gx[kWide] = {}, gy[kWide] = {};
+  const Wide zero = Wide::all(0), half = Wide::all(0.5f);
+  Wide value = zero, gx = zero, gy = zero;
   mine.rows = windows.rows;
   for (int v = 0; v < mine.rows; ++v) {
     const uint8_t* const at = windows.left + static_cast<size_t>(y - mine.rows / 2 + v) * stride + x - reach;
     const bool room = end - (at + stride) > kWide;
     const Bytes here(at, end, room), before(at - 1, end, room), after(at + 1, end, room);
     const Bytes higher(at - stride, end, room), lower(at + stride, end, room);
-    for (int u = 0; u < kWide; ++u) {
-      const float t = here.at[u];
-      const float a = 0.5f * static_cast<float>(after.at[u] - before.at[u]);
-      const float b = 0.5f * static_cast<float>(lower.at[u] - higher.at[u]);
-      mine.value[v][u] = t;
-      mine.gx[v][u] = a;
-      mine.gy[v][u] = b;
-      value[u] += t;
-      gx[u] += a;
-      gy[u] += b;
-    }
+    const Wide t = Wide::load(here.at);
+    const Wide a = half * (Wide::load(after.at) - Wide::load(before.at)), b = half * (Wide::load(lower.at) - Wide::load(higher.at));
+    t.store(mine.value[v]);
+    a.store(mine.gx[v]);
+    b.store(mine.gy[v]);
+    value = value + t;
+    gx = gx + a;
+    gy = gy + b;
   }
   const double pixels = static_cast<double>(kUsualColumns) * mine.rows;
-  mine.mean = static_cast<float>(total(value) / pixels);
-  const float mean = mine.mean, mean_x = static_cast<float>(total(gx) / pixels), mean_y = static_cast<float>(total(gy) / pixels);
-  float sums[6][kWide] = {};
-  for (int v = 0; v < mine.rows; ++v)
-    for (int u = 0; u < kWide; ++u) {
-      const float t = mine.value[v][u] -= mean, a = mine.gx[v][u] -= mean_x, b = mine.gy[v][u] -= mean_y;
-      sums[0][u] += t * t;
-      sums[1][u] += a * t;
-      sums[2][u] += b * t;
-      sums[3][u] += a * a;
-      sums[4][u] += a * b;
-      sums[5][u] += b * b;
-    }
-  mine.squares = total(sums[0]);
-  mine.x_value = total(sums[1]);
-  mine.y_value = total(sums[2]);
-  mine.xx = total(sums[3]);
-  mine.xy = total(sums[4]);
-  mine.yy = total(sums[5]);
+  const auto mean = [&](const Wide& sums) STEREOPSIS_INLINE_LAMBDA { return static_cast<float>(sums.total() / pixels); };
+  mine.mean = mean(value);
+  const Wide mean_value = Wide::all(mine.mean), mean_x = Wide::all(mean(gx)), mean_y = Wide::all(mean(gy));
+  Wide squares = zero, x_value = zero, y_value = zero, xx = zero, xy = zero, yy = zero;
+  for (int v = 0; v < mine.rows; ++v) {
+    const Wide t = Wide::load(mine.value[v]) - mean_value, a = Wide::load(mine.gx[v]) - mean_x, b = Wide::load(mine.gy[v]) - mean_y;
+    t.store(mine.value[v]);
+    a.store(mine.gx[v]);
+    b.store(mine.gy[v]);
+    squares = squares + t * t;
+    x_value = x_value + a * t;
+    y_value = y_value + b * t;
+    xx = xx + a * a;
+    xy = xy + a * b;
+    yy = yy + b * b;
+  }
+  mine.squares = squares.total();
+  mine.x_value = x_value.total();
+  mine.y_value = y_value.total();
+  mine.xx = xx.total();
+  mine.xy = xy.total();
+  mine.yy = yy.total();
 }
 
 // The right window at (x, y), straight lines between pixels; false where it leaves the image.
@@ -209,27 +403,29 @@ static bool compare(const Windows& windows, const Template& mine, double x, doub
   const int last_left = width - 2 - reach, last_top = height - 2 - above;
   const int left = static_cast<int>(x) < last_left ? static_cast<int>(x) : last_left;
   const int top = static_cast<int>(y) < last_top ? static_cast<int>(y) : last_top;
-  const float s = static_cast<float>(x - left), t = static_cast<float>(y - top), mean = mine.mean;
-  const float w00 = (1 - s) * (1 - t), w01 = s * (1 - t), w10 = (1 - s) * t, w11 = s * t;
+  const float s = static_cast<float>(x - left), t = static_cast<float>(y - top);
+  const Wide mean = Wide::all(mine.mean), w0 = Wide::all(1 - s), w1 = Wide::all(s), h0 = Wide::all(1 - t), h1 = Wide::all(t);
   const uint8_t* const end = windows.right + static_cast<size_t>(height) * width;
-  float sum[kWide] = {}, squares[kWide] = {}, by_value[kWide] = {}, by_x[kWide] = {}, by_y[kWide] = {};
+  // The columns of a row of pixels, moved; a row's lower neighbour is the next row's upper one.
+  const auto row = [&](int v) STEREOPSIS_INLINE_LAMBDA {
+    const uint8_t* const at = windows.right + static_cast<size_t>(top - above + v) * width + left - reach;
+    const Bytes here(at, end, end - at > kWide);
+    return w0 * Wide::load(here.at) + w1 * Wide::load(here.at + 1);
+  };
+  const Wide zero = Wide::all(0);
+  Wide sum = zero, squares = zero, by_value = zero, by_x = zero, by_y = zero, upper = row(0);
   for (int v = 0; v < mine.rows; ++v) {
-    const uint8_t* const row = windows.right + static_cast<size_t>(top - above + v) * width + left - reach;
-    const bool room = end - (row + width) > kWide;
-    const Bytes upper(row, end, room), lower(row + width, end, room);
-    for (int u = 0; u < kWide; ++u) {
-      const float w = (w00 * static_cast<float>(upper.at[u]) + w01 * static_cast<float>(upper.at[u + 1])) +
-                      (w10 * static_cast<float>(lower.at[u]) + w11 * static_cast<float>(lower.at[u + 1])) - mean;
-      sum[u] += w;
-      squares[u] += w * w;
-      by_value[u] += w * mine.value[v][u];
-      by_x[u] += w * mine.gx[v][u];
-      by_y[u] += w * mine.gy[v][u];
-    }
+    const Wide lower = row(v + 1), w = h0 * upper + h1 * lower - mean;
+    sum = sum + w;
+    squares = squares + w * w;
+    by_value = by_value + w * Wide::load(mine.value[v]);
+    by_x = by_x + w * Wide::load(mine.gx[v]);
+    by_y = by_y + w * Wide::load(mine.gy[v]);
+    upper = lower;
   }
-  const double all = total(sum);
-  found = {total(squares) - all * all / (static_cast<double>(kUsualColumns) * mine.rows), total(by_value), total(by_x),
-           total(by_y)};
+  const double all = sum.total();
+  found = {squares.total() - all * all / (static_cast<double>(kUsualColumns) * mine.rows), by_value.total(), by_x.total(),
+           by_y.total()};
   return true;
 }
 
@@ -265,7 +461,21 @@ static void track(const Windows& windows, int x, int y, int iterations, double* 
 }  // namespace
 
 extern const RowKernels rows;
-const RowKernels rows = {median_of_nine, median_of_25, cornerness, track};
+const RowKernels rows = {grey<int32_t, uint8_t>,
+                         grey<int64_t, int32_t>,
+                         halve,
+                         between<uint8_t>,
+                         between<int32_t>,
+                         change_gradients,
+                         sum_columns,
+                         refuse_low,
+                         go_on,
+                         have_values,
+                         meet,
+                         median_of_nine,
+                         median_of_25,
+                         cornerness,
+                         track};
 
 }  // namespace STEREOPSIS_ISA
 }  // namespace stereopsis

@@ -20,8 +20,9 @@ struct Workers {
 };
 
 // ---- cost: one grey channel of three, (299 R + 587 G + 114 B) / 1000 in 15-bit fixed point, as OpenCV rounds it -------
+struct RowKernels;
 template <class T>
-void grey(const T* rgb, int height, int width, T* grey, const Workers& workers);
+void grey(const T* rgb, int height, int width, T* grey, const RowKernels& kernels, const Workers& workers);
 
 // ---- cost: what a support window sums, for every pixel of the image widened by the window's reach ------------------
 // `pair` holds int32 pixels. `terms` is (H + window.height - 1, W + window.width - 1, D): products l r, or |l - r|.
@@ -151,7 +152,9 @@ struct PlaneSearch {
   int trials, sample;
 };
 // The plane that most pixels of a map lie on (RANSAC, then least squares), and how many; 0 where there is none.
-int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const Workers& workers);
+struct PlanarKernel;
+int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const PlanarKernel& kernel,
+               const Workers& workers);
 // The right image at (x - surface(x, y), y) for x from -margin to width + margin - 1, by cubic convolution.
 template <class T>
 void warp(const T* image, int height, int width, int channels, const Surface& surface, int margin, T lowest, T highest, T* warped,
@@ -184,6 +187,8 @@ struct HalfWindow {
   int x, y;
 };
 struct RowKernels;
+// The rounded means of 2 x 2 pixels each; an odd last row or column is left out.
+void halve(const uint8_t* image, int height, int width, uint8_t* means, const RowKernels& kernels, const Workers& workers);
 // In each whole tile the column and row, every `stride` pixels, whose window has the largest smaller eigenvalue of its
 // summed products of gradients; of equal ones the first. -1, -1 where none exceeds `least`. `found` is (rows, columns, 2).
 void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
@@ -196,7 +201,7 @@ void track(const uint8_t* left, const uint8_t* right, int height, int width, con
 // The image at (x, y + offset(x, y)), by cubic convolution along the column.
 template <class T>
 void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
-               const Workers& workers);
+               const RowKernels& kernels, const Workers& workers);
 
 // 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
 void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
@@ -206,14 +211,41 @@ void match_gaussian(const Pair& pair, const FusedSettings& settings, const Gauss
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.
 template <class T>
 void texture(const T* image, int height, int width, int channels, const Window& window, float* mean, const Workers& workers);
+// A map's pixels that are refused lose their value and their confidence, and get one more bit.
+struct Refusal {
+  float *disparity, *confidence;
+  uint8_t* flags;
+  uint8_t bit;
+};
+// Refuses where the texture is below `least`.
+template <class T>
+void refuse_dull(const T* image, int height, int width, int channels, const Window& window, float least, const Refusal& refused,
+                 const RowKernels& kernels, const Workers& workers);
 // Sets `speckle` where a 4-connected region, in which neighbours differ by at most `difference`, has fewer than `area` pixels.
 void speckle(const float* disparity, int height, int width, int area, float difference, uint8_t* speckle,
-             const Workers& workers);
+             const RowKernels& kernels, const Workers& workers);
+// Refuses these regions.
+void refuse_speckle(int height, int width, int area, float difference, const Refusal& refused, const RowKernels& kernels,
+                    const Workers& workers);
 // How high a flood from above the first row has to rise to reach each pixel: over all 4-connected paths from the first row,
 // the least of the path's highest relief.
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);
 // Numbers the 4-connected regions of `inside` 1, 2, ... in the order of their first pixels; 0 outside. Returns how many.
 int label(const uint8_t* inside, int height, int width, int32_t* region, const Workers& workers);
+// NaN and 0 where there is a flag, else the map and its confidence.
+void accept(const float* disparity, const float* confidence, const uint8_t* flags, int height, int width, float* accepted,
+            float* trust, const Workers& workers);
+// Keeps a map within [least, most], and judges by it what was matched: with a winner less than `near` from it, flags are taken
+// back where all of them are `revocable`; with none so near, a pixel without a flag gets `wrong`. Then accepts the rest.
+struct Evidence {
+  const float *winners, *confidence;  // no winners: flags stay as they are
+};
+struct Verdict {
+  float least, most, near;
+  uint8_t revocable, wrong;
+};
+void judge(const Evidence& seen, const Verdict& verdict, int height, int width, float* smooth, uint8_t* flags, float* accepted,
+           float* trust, const Workers& workers);
 
 // ---- refine ----------------------------------------------------------------------------------------------------------
 // Median over a size x size window of the pixels that have a value; pixels without one stay without.

@@ -1,10 +1,16 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <type_traits>
 #include <vector>
 
+#if defined(_MSC_VER) && !defined(__clang__)
+#include <intrin.h>
+#endif
+
 #include "parallel.hpp"
+#include "rows.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
@@ -28,10 +34,13 @@ void add_gradients(const T* __restrict row, int width, int channels, Sum sign, S
 
 }  // namespace
 
-template <class T>
-void texture(const T* image, int height, int width, int channels, const Window& window, float* mean, const Workers& workers) {
-  const auto clamp = [](int v, int last) { return std::min(std::max(v, 0), last); };
-  const double divisor = 2.0 * static_cast<double>(window.area()) * channels;
+namespace {
+
+int clamp(int v, int last) { return std::min(std::max(v, 0), last); }
+
+// Calls visit(y, sums) for each row: what each pixel's window sums of absolute differences, over the channels.
+template <class T, class Visit>
+void sum_gradients(const T* image, int height, int width, int channels, const Window& window, const Workers& workers, Visit visit) {
   using Sum = std::conditional_t<sizeof(T) == 1, int32_t, int64_t>;
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     std::vector<Sum> column(width);
@@ -48,96 +57,196 @@ void texture(const T* image, int height, int width, int channels, const Window& 
         sums[x] = static_cast<double>(sum);
         sum += column[clamp(x + window.right() + 1, width - 1)] - column[clamp(x - window.left(), width - 1)];
       }
-      float* const out = mean + static_cast<size_t>(y) * width;
-      for (int x = 0; x < width; ++x) out[x] = static_cast<float>(sums[x] / divisor);
+      visit(y, sums.data());
       add_row(y + window.below() + 1, 1);
       add_row(y - window.above(), -1);
     }
   });
 }
+
+double texture_divisor(const Window& window, int channels) { return 2.0 * static_cast<double>(window.area()) * channels; }
+
+// The map's row, as kernels refuse pixels of it.
+RowRefusal row_of(const Refusal& refused, int y, int width) {
+  const size_t at = static_cast<size_t>(y) * width;
+  return {refused.disparity + at, refused.confidence + at, refused.flags + at, refused.bit};
+}
+
+// Windows of bytes whose sums fit 16 bits.
+void refuse_dull_bytes(const uint8_t* image, int height, int width, const Window& window, uint16_t most, const Refusal& refused,
+                       const RowKernels& kernels, const Workers& workers) {
+  const int64_t pixels = static_cast<int64_t>(height) * width;
+  quick_rows(height, pixels, 1 << 18, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    // Columns from `left` before the first on, edge columns repeated.
+    const int left = window.left();
+    std::vector<uint16_t> columns(static_cast<size_t>(width) + window.width + kRowRoom), sums(static_cast<size_t>(width) + kRowRoom);
+    const std::vector<uint8_t> none(sums.size());
+    const auto row = [&](int y) { return image + static_cast<size_t>(clamp(y, height - 1)) * width; };
+    for (int y = begin - window.above() - 1; y < begin + window.below(); ++y)
+      kernels.change_gradients(row(y), none.data(), width, columns.data() + left);
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      kernels.change_gradients(row(y + window.below()), row(y - window.above() - 1), width, columns.data() + left);
+      std::fill_n(columns.begin(), left, columns[left]);
+      std::fill_n(columns.begin() + left + width, window.right(), columns[left + width - 1]);
+      kernels.sum_columns(columns.data(), width, window.width, sums.data());
+      kernels.refuse_low(sums.data(), most, width, row_of(refused, y, width));
+    }
+  });
+}
+
+}  // namespace
+
+template <class T>
+void texture(const T* image, int height, int width, int channels, const Window& window, float* mean, const Workers& workers) {
+  const double divisor = texture_divisor(window, channels);
+  sum_gradients(image, height, width, channels, window, workers, [&](int y, const double* sums) {
+    float* const out = mean + static_cast<size_t>(y) * width;
+    for (int x = 0; x < width; ++x) out[x] = static_cast<float>(sums[x] / divisor);
+  });
+}
 template void texture(const uint8_t*, int, int, int, const Window&, float*, const Workers&);
 template void texture(const int32_t*, int, int, int, const Window&, float*, const Workers&);
 
+template <class T>
+void refuse_dull(const T* image, int height, int width, int channels, const Window& window, float least, const Refusal& refused,
+                 const RowKernels& kernels, const Workers& workers) {
+  const double divisor = texture_divisor(window, channels);
+  const auto dull = [&](double sum) { return static_cast<float>(sum / divisor) < least; };
+  if constexpr (sizeof(T) == 1)
+    if (const int64_t most = 255 * window.area(); channels == 1 && most <= std::numeric_limits<uint16_t>::max()) {
+      // The first sum that is not dull, by halving.
+      int low = 0, high = static_cast<int>(most) + 1;
+      while (low < high) {
+        const int middle = (low + high) / 2;
+        dull(middle) ? low = middle + 1 : high = middle;
+      }
+      if (low > 0) refuse_dull_bytes(image, height, width, window, static_cast<uint16_t>(low - 1), refused, kernels, workers);
+      return;
+    }
+  sum_gradients(image, height, width, channels, window, workers, [&](int y, const double* sums) {
+    const RowRefusal row = row_of(refused, y, width);
+    for (int x = 0; x < width; ++x)
+      if (dull(sums[x])) {
+        row.disparity[x] = std::numeric_limits<float>::quiet_NaN();
+        row.confidence[x] = 0;
+        row.flags[x] |= row.bit;
+      }
+  });
+}
+template void refuse_dull(const uint8_t*, int, int, int, const Window&, float, const Refusal&, const RowKernels&, const Workers&);
+template void refuse_dull(const int32_t*, int, int, int, const Window&, float, const Refusal&, const RowKernels&, const Workers&);
+
 namespace {
 
-// Pixels in bytes: 1 where what is said of them holds, else 0; one more byte on the left, and whole words.
-class Row {
- public:
-  explicit Row(int width) : bytes_(static_cast<size_t>(width) + 16) {}
-  uint8_t* at(int x) { return bytes_.data() + 8 + x; }
-  // Calls visit(x) wherever it holds.
-  template <class Visit>
-  void each(int width, Visit visit) {
-    for (int x = 0; x < width; x += 8) {
-      uint64_t word;
-      std::memcpy(&word, at(x), 8);
-      if (!word) continue;
-      for (int k = x; k < std::min(x + 8, width); ++k)
-        if (*at(k)) visit(k);
-    }
-  }
-
- private:
-  std::vector<uint8_t> bytes_;
-};
-
-// Where a pixel and the one before it belong to one run: they differ by no more than that, or neither has a value.
-void begin_runs(const float* row, int width, float difference, uint8_t* __restrict begins) {
-  begins[0] = 1;
-  for (int x = 1; x < width; ++x) {
-    const float here = row[x], before = row[x - 1];
-    begins[x] = !((std::fabs(here - before) <= difference) | ((here != here) & (before != before)));
-  }
+int lowest_bit(uint64_t bits) {
+#if defined(_MSC_VER) && !defined(__clang__)
+  unsigned long at;
+  _BitScanForward64(&at, bits);
+  return static_cast<int>(at);
+#else
+  return __builtin_ctzll(bits);
+#endif
 }
-// Where a pixel and the one above belong to one region, as their runs' pixels before them do not already.
-void meet(const float* row, const float* above, const uint8_t* begins, const uint8_t* above_begins, int width, float difference,
-          uint8_t* __restrict meets, uint8_t* __restrict anew) {
-  for (int x = 0; x < width; ++x) meets[x] = std::fabs(row[x] - above[x]) <= difference;
-  for (int x = 0; x < width; ++x) anew[x] = meets[x] & static_cast<uint8_t>(begins[x] | above_begins[x] | (meets[x - 1] ^ 1));
+
+// Calls visit(x) for each bit that is set.
+template <class Visit>
+void each_bit(const std::vector<uint64_t>& bits, Visit visit) {
+  for (size_t w = 0; w < bits.size(); ++w)
+    for (uint64_t left = bits[w]; left; left &= left - 1) visit(static_cast<int>(64 * w) + lowest_bit(left));
+}
+// Appends `start` + x for each of these.
+void append(const std::vector<uint64_t>& bits, int start, std::vector<int>& places) {
+  const size_t before = places.size();
+  places.resize(before + 64 * bits.size());
+  int* to = places.data() + before;
+  each_bit(bits, [&](int x) { *to++ = start + x; });
+  places.resize(to - places.data());
+}
+
+// Calls visit(first pixel, pixels) for each run of a row that belongs to a region of fewer than `area` pixels.
+template <class Visit>
+void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
+                  const Cancel& cancel, Visit visit) {
+  // Runs of a row that hang together, joined with those of the row above: a forest, in which each run knows one before it.
+  std::vector<int> first, last, parent;
+  const size_t words = (static_cast<size_t>(width) + 63) / 64;
+  std::vector<uint64_t> go_on(words), begins(words), above_begins(words), meets(words), starts(words), ends(words);
+  const auto root = [&](int run) {
+    while (parent[run] != run) run = parent[run] = parent[parent[run]];
+    return run;
+  };
+  int above = 0, own = 0;  // the first runs of both rows
+  for (int y = 0; y < height && !cancel.load(std::memory_order_relaxed); ++y) {
+    const float* const row = disparity + static_cast<size_t>(y) * width;
+    kernels.go_on(row, width, difference, go_on.data());
+    kernels.have_values(row, width, ends.data());
+    std::swap(begins, above_begins);
+    uint64_t before = 0;
+    for (size_t w = 0; w < words; ++w) {
+      begins[w] = ~(go_on[w] << 1 | before);
+      before = go_on[w] >> 63;
+      starts[w] = ends[w] & begins[w];
+      ends[w] &= ~go_on[w];
+    }
+    above = own;
+    own = static_cast<int>(first.size());
+    append(starts, y * width, first);
+    append(ends, y * width, last);
+    for (size_t k = own; k < first.size(); ++k) parent.push_back(static_cast<int>(k));
+    if (y == 0) continue;
+    kernels.meet(row, row - width, width, difference, meets.data());
+    // Of pixels side by side that meet those above in the same two runs the first one counts.
+    before = 0;
+    for (size_t w = 0; w < words; ++w) {
+      const uint64_t all = meets[w];
+      meets[w] = all & (begins[w] | above_begins[w] | ~(all << 1 | before));
+      before = all >> 63;
+    }
+    int run = own, other = above;
+    each_bit(meets, [&](int x) {
+      while (last[run] < y * width + x) ++run;
+      while (last[other] < (y - 1) * width + x) ++other;
+      const int one = root(run), two = root(other);
+      parent[std::max(one, two)] = std::min(one, two);
+    });
+  }
+  if (cancel.load(std::memory_order_relaxed)) return;
+  // What a run knows comes before it, and so knows its own first one already.
+  std::vector<int> pixels(parent.size());
+  for (size_t k = 0; k < parent.size(); ++k) {
+    parent[k] = parent[parent[k]];
+    pixels[parent[k]] += last[k] + 1 - first[k];
+  }
+  for (size_t k = 0; k < parent.size(); ++k)
+    if (pixels[parent[k]] < area) visit(first[k], last[k] + 1 - first[k]);
+}
+
+// One after the other: bands that are joined afterwards would take longer for images of usual size.
+template <class Visit>
+void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
+                  const Workers& workers, Visit visit) {
+  if (!width) return;
+  const int64_t pixels = static_cast<int64_t>(height) * width;
+  quick_rows(1, pixels, 1 << 16, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    each_speckle(disparity, height, width, area, difference, kernels, cancel, visit);
+  });
 }
 
 }  // namespace
 
 void speckle(const float* disparity, int height, int width, int area, float difference, uint8_t* speckle,
-             const Workers& workers) {
-  // Runs of a row that hang together, joined with those of the row above: a forest, in which each run knows one before it.
-  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
-    if (!width) return;
-    std::vector<int> run_of(static_cast<size_t>(height) * width), first, parent;
-    Row begins(width), above_begins(width), meets(width), anew(width);
-    const auto root = [&](int run) {
-      while (parent[run] != run) run = parent[run] = parent[parent[run]];
-      return run;
-    };
-    for (int y = 0; y < height && !cancel.load(std::memory_order_relaxed); ++y) {
-      const float* row = disparity + static_cast<size_t>(y) * width;
-      begin_runs(row, width, difference, begins.at(0));
-      int* const run = run_of.data() + static_cast<size_t>(y) * width;
-      int last = static_cast<int>(parent.size()) - 1;
-      for (int x = 0; x < width; ++x) run[x] = last += *begins.at(x);
-      begins.each(width, [&](int x) {
-        parent.push_back(run[x]);
-        first.push_back(y * width + x);
-      });
-      if (y > 0) {
-        meet(row, row - width, begins.at(0), above_begins.at(0), width, difference, meets.at(0), anew.at(0));
-        anew.each(width, [&](int x) {
-          const int one = root(run[x]), other = root(run[x - width]);
-          parent[std::max(one, other)] = std::min(one, other);
-        });
-      }
-      std::swap(begins, above_begins);
-    }
-    if (cancel.load(std::memory_order_relaxed)) return;
-    // The runs lie one after the other, and what a run knows comes before it.
-    first.push_back(height * width);
-    std::vector<int> pixels(parent.size());
-    for (size_t k = 0; k < parent.size(); ++k) pixels[k] = first[k + 1] - first[k];
-    for (size_t k = parent.size(); k-- > 0;) pixels[parent[k]] += parent[k] == static_cast<int>(k) ? 0 : pixels[k];
-    for (size_t k = 0; k < parent.size(); ++k) pixels[k] = pixels[parent[k]];
-    // A run has a value throughout, or nowhere.
-    for (size_t k = 0; k < parent.size(); ++k)
-      std::memset(speckle + first[k], !std::isnan(disparity[first[k]]) && pixels[k] < area, first[k + 1] - first[k]);
+             const RowKernels& kernels, const Workers& workers) {
+  std::memset(speckle, 0, static_cast<size_t>(height) * width);
+  each_speckle(disparity, height, width, area, difference, kernels, workers,
+               [&](int first, int pixels) { std::memset(speckle + first, 1, pixels); });
+}
+
+void refuse_speckle(int height, int width, int area, float difference, const Refusal& refused, const RowKernels& kernels,
+                    const Workers& workers) {
+  each_speckle(refused.disparity, height, width, area, difference, kernels, workers, [&](int first, int pixels) {
+    std::fill_n(refused.disparity + first, pixels, std::numeric_limits<float>::quiet_NaN());
+    std::fill_n(refused.confidence + first, pixels, 0.0f);
+    for (int k = first; k < first + pixels; ++k) refused.flags[k] |= refused.bit;
   });
 }
 

@@ -130,14 +130,15 @@ def test_a_track_arrives():
     plane=some.tuples(some.floats(-0.2, 0.2), some.floats(-0.2, 0.2), some.floats(-20, 20)),
     dtype=some.sampled_from([np.uint8, np.int32]),
     threads=some.sampled_from([1, 3]),
+    instructions=some.sampled_from(_core.instruction_sets()),
     seed=SEEDS,
 )
 @settings(max_examples=100, deadline=None)
-def test_rows_move(shape, plane, dtype, threads, seed):
+def test_rows_move(shape, plane, dtype, threads, instructions, seed):
     image = noise(shape, seed, dtype, 256 if dtype == np.uint8 else 60000)
     lowest, highest = int(image.min()), int(image.max())
     moved = np.empty_like(image)
-    _core.move_rows(image, plane, lowest, highest, moved, threads)
+    _core.move_rows(image, plane, lowest, highest, moved, threads, instructions)
     np.testing.assert_allclose(moved, reference.move_rows(image, plane, lowest, highest), atol=0.52)
 
 
@@ -146,7 +147,7 @@ def test_rows_move_by_hand():
 
     def moved(c):
         out = np.empty_like(image)
-        _core.move_rows(image, (0.0, 0.0, c), 0, 50, out, 1)
+        _core.move_rows(image, (0.0, 0.0, c), 0, 50, out, 1, "")
         return out.ravel().tolist()
 
     assert moved(0.0) == [0, 10, 20, 30, 40, 50]
@@ -317,6 +318,9 @@ def test_levels_and_halves():
     assert [rectify.levels(width) for width in (1, 640, 881, 1242, 2964)] == [1, 1, 2, 2, 3]
     image = np.array([[1, 2, 9], [3, 5, 9], [9, 9, 9]], np.uint8)
     np.testing.assert_array_equal(rectify.halved(image), [[3]])  # 11 / 4
+    image = noise((7, 300))
+    sums = image[:6].astype(int).reshape(3, 2, 150, 2).sum(axis=(1, 3))
+    np.testing.assert_array_equal(rectify.halved(image), (sums + 2) // 4)
     words = np.arange(3000, dtype=np.int32).reshape(30, 100) + 70000
     stretched = rectify.eight_bit(words)
     assert (stretched.min(), stretched.max()) == (0, 255)

@@ -5,7 +5,8 @@ from hypothesis import strategies as some
 
 from reference import select as winners
 from reference import validate as reference
-from stereopsis import Flag, select, validate
+from stereopsis import Flag, _core, _instructions, select, validate
+from stereopsis.types import Disparities
 
 N = np.nan
 SEEDS = some.integers(0, 2**32)
@@ -132,6 +133,65 @@ def test_texture_of_the_largest_gradient():
     np.testing.assert_allclose(validate.texture(image.astype(np.int32), (255, 255)), expected, rtol=1e-6)
 
 
+def answers(shape, seed):
+    """A map with holes, its confidence and flags."""
+    rng = np.random.default_rng(seed)
+    disparity = (rng.integers(-4, 4, shape) / 2).astype(np.float32)
+    disparity[rng.random(shape) < 0.2] = N
+    return disparity, rng.random(shape, np.float32), rng.integers(0, 4, shape, np.uint8)
+
+
+def refused(where, flag, disparity, confidence, flags):
+    """What becomes of these: the definition."""
+    return (
+        np.where(where, np.float32(N), disparity),
+        np.where(where, np.float32(0), confidence),
+        flags | where * np.uint8(flag),
+    )
+
+
+def test_refuse_dull_by_hand():
+    image = np.array([[0, 2, 10, 10]], np.uint8)[..., None]  # textures 1, 5, 4, 0
+    found = np.arange(4, dtype=np.float32)[None], np.ones((1, 4), np.float32), np.ones((1, 4), np.uint8)
+    validate.refuse_dull(image, (1, 1), 4.0, *found)
+    np.testing.assert_array_equal(found[0], [[N, 1, 2, N]])
+    np.testing.assert_array_equal(found[1], [[0, 1, 1, 0]])
+    np.testing.assert_array_equal(found[2], [[9, 1, 1, 9]])
+
+
+def test_refusals_change_the_arrays_themselves():
+    disparity, confidence, flags = answers((4, 6), 0)
+    with pytest.raises(ValueError, match="confidence must be contiguous"):
+        validate.refuse_speckle(disparity[:, :3].copy(), 9, 1.0, confidence[:, :3], flags[:, :3])
+
+
+@pytest.mark.parametrize("instructions", _core.instruction_sets())
+@given(
+    shape=some.tuples(
+        some.integers(1, 7), some.sampled_from([1, 2, 5, 63, 64, 65, 130]), some.sampled_from([1, 3])
+    ),
+    window=some.tuples(some.integers(1, 17), some.integers(1, 17)),
+    dtype=some.sampled_from([np.uint8, np.int32]),
+    quantile=some.sampled_from([0.0, 0.3, 1.0, 2.0]),
+    threads=some.sampled_from([1, 3]),
+    seed=SEEDS,
+)
+@settings(max_examples=60, deadline=None)
+def test_refuse_dull(instructions, shape, window, dtype, quantile, threads, seed):
+    top = 256 if dtype == np.uint8 else 2**20
+    image = np.random.default_rng(seed).integers(0, top, shape).astype(dtype)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(_instructions.ENVIRONMENT, instructions)
+        gradient = validate.texture(image, window, threads)
+        # One that some pixel has exactly, or more than any.
+        least = float(np.quantile(gradient, min(quantile, 1), method="nearest")) * max(quantile, 1) + 1e-12
+        found = answers(shape[:2], seed)
+        expected = refused(gradient < np.float32(least), Flag.LOW_TEXTURE, *found)
+        validate.refuse_dull(image, window, least, *found, threads)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 # ---- speckle -------------------------------------------------------------------------------------
 
 
@@ -157,19 +217,74 @@ def test_speckle_by_hand():
     np.testing.assert_array_equal(validate.speckle(disparity, 5, 1.0), ~np.isnan(disparity))
 
 
+@pytest.mark.parametrize("instructions", _core.instruction_sets())
 @given(
-    shape=some.tuples(some.integers(1, 8), some.integers(1, 8)),
+    shape=some.one_of(
+        some.tuples(some.integers(1, 8), some.integers(1, 8)),
+        some.tuples(some.integers(1, 2), some.sampled_from([63, 64, 65, 66, 128, 129])),
+    ),
     area=some.integers(0, 20),
     difference=some.sampled_from([0, 0.5, 1, 3]),
     seed=SEEDS,
 )
-@settings(max_examples=100, deadline=None)
-def test_speckle_of_any_map(shape, area, difference, seed):
+@settings(max_examples=60, deadline=None)
+def test_speckle_of_any_map(instructions, shape, area, difference, seed):
+    found = answers(shape, seed)
+    disparity = found[0].copy()
+    where = reference.speckle(disparity, area, difference)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(_instructions.ENVIRONMENT, instructions)
+        np.testing.assert_array_equal(validate.speckle(disparity, area, difference), where)
+        np.testing.assert_array_equal(disparity, found[0])
+        expected = refused(where, Flag.SPECKLE, *found)
+        disparity, confidence, flags = found
+        validate.refuse_speckle(disparity, area, difference, confidence, flags)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+# ---- what is accepted ----------------------------------------------------------------------------
+
+
+def test_accepted_by_hand():
+    disparity, confidence = np.array([[1.5, 2, N]], np.float32), np.array([[0.5, 0.25, 0]], np.float32)
+    accepted = validate.accepted(disparity, confidence, np.array([[0, 1, 0]], np.uint8))
+    np.testing.assert_array_equal(accepted[0], [[1.5, N, N]])
+    np.testing.assert_array_equal(accepted[1], [[0.5, 0, 0]])
+
+
+def test_judged_by_hand():
+    smooth = np.array([[-1, 4, 4, 4, 4, 9]], np.float32)
+    winners = np.array([[0, 6.5, 7, N, 4, 9]], np.float32)
+    flags = np.array([[0, Flag.OCCLUDED | Flag.SPECKLE, 0, 0, Flag.SKY, Flag.AMBIGUOUS]], np.uint8)
+    confidence = np.full((1, 6), 0.5, np.float32)
+    disparity, trust = validate.judged(smooth, winners, confidence, flags, Disparities(0, 8))
+    np.testing.assert_array_equal(smooth, [[0, 4, 4, 4, 4, 7]])
+    np.testing.assert_array_equal(flags, [[0, 0, Flag.MISMATCHED, Flag.MISMATCHED, Flag.SKY, 0]])
+    np.testing.assert_array_equal(disparity, [[0, 4, N, N, N, 7]])
+    np.testing.assert_array_equal(trust, [[0.5, 0.5, 0, 0, 0, 0.5]])
+
+
+@given(
+    shape=some.tuples(some.integers(1, 7), some.integers(1, 40)),
+    told=some.booleans(),
+    threads=some.sampled_from([1, 3]),
+    seed=SEEDS,
+)
+@settings(max_examples=60, deadline=None)
+def test_judged_of_any_map(shape, told, threads, seed):
     rng = np.random.default_rng(seed)
-    disparity = (rng.integers(-4, 4, shape) / 2).astype(np.float32)
-    disparity[rng.random(shape) < 0.2] = N
-    before = disparity.copy()
-    np.testing.assert_array_equal(
-        validate.speckle(disparity, area, difference), reference.speckle(disparity, area, difference)
+    smooth, winners = (
+        np.where(rng.random(shape) < 0.1, N, rng.integers(-8, 12, shape) / 2).astype(np.float32)
+        for _ in range(2)
     )
-    np.testing.assert_array_equal(disparity, before)
+    flags = rng.choice(np.array([0, 0, 1, 2, 5, 8, 16, 33, 64, 72, 255], np.uint8), shape)
+    confidence = rng.random(shape[::-1]).astype(np.float32).T
+    given = winners if told else None
+    expected = reference.judged(smooth, given, confidence, flags, -2, 3)
+    answers = validate.judged(smooth, given, confidence, flags, Disparities(-2, 4), threads)
+    for found, wanted in zip((smooth, flags, *answers), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    again = validate.accepted(smooth, np.ascontiguousarray(confidence), flags, threads)
+    for found, wanted in zip(again, answers, strict=True):
+        np.testing.assert_array_equal(found, wanted)

@@ -450,8 +450,8 @@ void test_grey() {
     rgb8.push_back(static_cast<uint8_t>(k < 30 ? 255 : random.below(256)));
     rgb.push_back(k < 30 ? (k < 15 ? 1 << 21 : -(1 << 21)) : random.between(-(1 << 21), 1 << 21));
   }
-  grey(rgb.data(), 5, 7, out.data(), {3, [] { return false; }});
-  grey(rgb8.data(), 5, 7, out8.data(), kAlone);
+  grey(rgb.data(), 5, 7, out.data(), any_rows(random), {3, [] { return false; }});
+  grey(rgb8.data(), 5, 7, out8.data(), any_rows(random), kAlone);
   bool right = true;
   for (int k = 0; k < 35; ++k) {
     const auto exact = [&](const auto* v) { return (9798.0 * v[0] + 19235.0 * v[1] + 3735.0 * v[2]) / 32768; };
@@ -707,7 +707,7 @@ void test_speckle() {
     for (int k = 0; k < H * W; ++k)
       map.push_back(random.below(5) ? static_cast<float>(random.below(6)) * 0.5f : std::numeric_limits<float>::quiet_NaN());
     std::vector<uint8_t> found(map.size());
-    speckle(map.data(), H, W, area, difference, found.data(), kAlone);
+    speckle(map.data(), H, W, area, difference, found.data(), any_rows(random), kAlone);
     // Labels spread until nothing changes any more.
     std::vector<int> label(map.size());
     for (int k = 0; k < H * W; ++k) label[k] = k;
@@ -952,9 +952,17 @@ void test_planes() {
             random.below(5) ? static_cast<float>(plane.at(x, y)) : random.below(2) ? std::nanf("") : 99.0f;
     Plane found{};
     const PlaneSearch search{top, round % 2 ? 0 : 12, 0.5, 0, 1, 0.5, 200, round % 3 ? 50 : 5000};
-    const int inliers = find_plane(disparity.data(), H, W, search, &found, kAlone);
+    const int inliers = find_plane(disparity.data(), H, W, search, &found, choose_planar("generic"), kAlone);
     const std::string told = text(H) + "x" + text(W);
     CHECK(inliers <= H * W, told);
+    for (const FusedKernel* kernel : available_kernels())
+      for (const int threads : {1, 2, 7}) {
+        Plane again{};
+        const int counted =
+            find_plane(disparity.data(), H, W, search, &again, choose_planar(kernel->name), {threads, [] { return false; }});
+        CHECK(counted == inliers && again.a == found.a && again.b == found.b && again.c == found.c,
+              told + " " + kernel->name + " on " + text(threads));
+      }
     if (H >= 20 && W >= 20)
       CHECK(std::fabs(found.a - plane.a) < 1e-6 && std::fabs(found.b - plane.b) < 1e-6 && std::fabs(found.c - plane.c) < 1e-4,
             told);
@@ -991,14 +999,14 @@ void test_move_rows() {
     std::vector<T> image(static_cast<size_t>(H) * W * C), moved(image.size());
     for (T& pixel : image) pixel = static_cast<T>(random.below(256));
     const Workers workers{random.between(1, 4), [] { return false; }};
-    move_rows<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, 0, 255, moved.data(), workers);
+    move_rows<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, 0, 255, moved.data(), any_rows(random), workers);
     bool right = true;
     for (int y = 0; y < H; ++y)
       for (int i = 0; i < W * C; ++i) right = right && moved[y * W * C + i] == image[clamp(y + shift, 0, H - 1) * W * C + i];
     CHECK(right, text(H) + "x" + text(W) + " by " + text(shift));
     // Steep fields leave the image above and below; what they find there is the edge.
-    move_rows<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, 0, 255, moved.data(), workers);
-    move_rows<T>(image.data(), H, W, C, {0.4, 0.3, -3.7}, 0, 255, moved.data(), workers);
+    move_rows<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, 0, 255, moved.data(), any_rows(random), workers);
+    move_rows<T>(image.data(), H, W, C, {0.4, 0.3, -3.7}, 0, 255, moved.data(), any_rows(random), workers);
   }
 }
 

@@ -16,9 +16,9 @@ largest_stride: int
 
 def instruction_sets() -> list[str]: ...
 @overload
-def grey(rgb: _U8, out: _U8, threads: int, /) -> None: ...
+def grey(rgb: _U8, out: _U8, threads: int, instructions: str, /) -> None: ...
 @overload
-def grey(rgb: _I32, out: _I32, threads: int, /) -> None: ...
+def grey(rgb: _I32, out: _I32, threads: int, instructions: str, /) -> None: ...
 def match_narrow(
     left: _U8,
     right: _U8,
@@ -248,6 +248,8 @@ def find_plane(
     trials: int,
     sample: int,
     found: npt.NDArray[np.float64],
+    threads: int,
+    instructions: str,
     /,
 ) -> int: ...
 @overload
@@ -274,12 +276,27 @@ def warp(
 ) -> None: ...
 @overload
 def move_rows(
-    image: _U8, offset: tuple[float, ...], lowest: int, highest: int, moved: _U8, threads: int, /
+    image: _U8,
+    offset: tuple[float, ...],
+    lowest: int,
+    highest: int,
+    moved: _U8,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
 @overload
 def move_rows(
-    image: _I32, offset: tuple[float, ...], lowest: int, highest: int, moved: _I32, threads: int, /
+    image: _I32,
+    offset: tuple[float, ...],
+    lowest: int,
+    highest: int,
+    moved: _I32,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
+def halve(image: _U8, means: _U8, instructions: str, /) -> None: ...
 def corners(
     image: _U8,
     tile: int,
@@ -369,9 +386,65 @@ def select_at(
 def texture(image: _U8, window_width: int, window_height: int, mean: _F32, threads: int, /) -> None: ...
 @overload
 def texture(image: _I32, window_width: int, window_height: int, mean: _F32, threads: int, /) -> None: ...
-def speckle(disparity: _F32, area: int, difference: float, out: _U8, /) -> None: ...
+@overload
+def refuse_dull(
+    image: _U8,
+    window_width: int,
+    window_height: int,
+    least: float,
+    bit: int,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+@overload
+def refuse_dull(
+    image: _I32,
+    window_width: int,
+    window_height: int,
+    least: float,
+    bit: int,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    threads: int,
+    instructions: str,
+    /,
+) -> None: ...
+def speckle(disparity: _F32, area: int, difference: float, out: _U8, instructions: str, /) -> None: ...
+def refuse_speckle(
+    area: int,
+    difference: float,
+    bit: int,
+    disparity: _F32,
+    confidence: _F32,
+    flags: _U8,
+    instructions: str,
+    /,
+) -> None: ...
 def flood(relief: _U8, out: _U8, /) -> None: ...
 def label(inside: _U8, out: _I32, /) -> int: ...
+def accept(
+    disparity: _F32, confidence: _F32, flags: _U8, accepted: _F32, trust: _F32, threads: int, /
+) -> None: ...
+def judge(
+    winners: _F32 | None,
+    confidence: _F32,
+    least: float,
+    most: float,
+    near: float,
+    revocable: int,
+    wrong: int,
+    smooth: _F32,
+    flags: _U8,
+    accepted: _F32,
+    trust: _F32,
+    threads: int,
+    /,
+) -> None: ...
 def median(disparity: _F32, size: int, out: _F32, threads: int, instructions: str, /) -> None: ...
 def planar(
     disparity: _F32,

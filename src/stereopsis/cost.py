@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.types import Disparities, Halo, Image
 
 FLOAT_BITS = 21
@@ -78,7 +78,7 @@ def grey(rgb: npt.NDArray[Any], threads: int = 0) -> npt.NDArray[Any]:
     ndarray of the same dtype, (H, W, 1)
     """
     out = np.empty((*rgb.shape[:2], 1), rgb.dtype)
-    _core.grey(rgb, out, threads)
+    _core.grey(rgb, out, threads, _instructions.forced())
     return out
 
 

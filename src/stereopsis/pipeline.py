@@ -64,12 +64,6 @@ FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kana
 """Sub-pixel methods that need the images, not the costs."""
 
 
-AGREEMENT = 3.0
-"""How near the plane of its surroundings a winner has to lie to agree with them, in pixels."""
-REVOCABLE = np.uint8(Flag.OCCLUDED | Flag.MISMATCHED | Flag.AMBIGUOUS | Flag.SPECKLE)
-"""What is said of winners that their surroundings may speak for."""
-
-
 class _Unset:
     def __repr__(self) -> str:
         return "<as the preset has it>"
@@ -289,6 +283,7 @@ def _match(
     else:
         with _timed(timings, "match"):
             disparity, confidence, flags = _stream(pixels, chosen, seen)
+    disparity, confidence, flags = map(np.ascontiguousarray, (disparity, confidence, flags))
 
     if "vertical" in chosen.keep:
         lies = chosen.vertical if isinstance(chosen.vertical, Vertical) else Vertical(0.0)
@@ -298,15 +293,16 @@ def _match(
         stages.setdefault("plane", np.zeros(disparity.shape, np.uint8))
     if chosen.texture is not None or "texture" in chosen.keep:
         with _timed(timings, "texture"):
-            gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads)
             if chosen.texture is not None:
                 least = (
                     validate.texture_of_noise(noise.deviation(pixels.left) * pixels.level, chosen.cost.size)
                     if chosen.texture == "auto"
                     else chosen.texture
                 )
-                _refuse(gradient < least / pixels.level, Flag.LOW_TEXTURE, disparity, confidence, flags)
+                window, answers = chosen.cost.size, (disparity, confidence, flags)
+                validate.refuse_dull(pixels.left, window, least / pixels.level, *answers, chosen.threads)
             if "texture" in chosen.keep:
+                gradient = validate.texture(pixels.left, chosen.cost.size, chosen.threads)
                 stages["texture"] = gradient * np.float32(pixels.step)
     if chosen.subpixel in FROM_IMAGES:
         with _timed(timings, "subpixel"):
@@ -326,7 +322,7 @@ def _match(
             disparity = refine.median(disparity, chosen.median, chosen.threads)
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
-            _refuse(validate.speckle(disparity, *chosen.speckle), Flag.SPECKLE, disparity, confidence, flags)
+            validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags)
     if chosen.sky:
         with _timed(timings, "sky"):
             # Unchecked winners are of no use as witnesses against the sky.
@@ -336,7 +332,7 @@ def _match(
     if chosen.planes is not None:
         with _timed(timings, "segments"):
             bounds = chosen.disparities.min, chosen.disparities.max - 1
-            ground = slant.road(disparity, slant.FIRST_WINDOW)
+            ground = slant.road(disparity, slant.FIRST_WINDOW, threads=chosen.threads)
             segments = planes.refine(pair.left, disparity, bounds, threads=chosen.threads, ground=ground)
             beneath = segments.disparity
             disparity = np.where(np.isnan(disparity), np.float32(np.nan), beneath)
@@ -346,13 +342,15 @@ def _match(
     whole = disparity
     if chosen.planar is not None:
         with _timed(timings, "planar"):
-            whole = _planar(disparity, pixels, chosen, flags, beneath, own)
-            disparity = np.where(flags == 0, whole, np.float32(np.nan))
-            confidence = np.where(flags == 0, stages.pop("sharpness", confidence), np.float32(0))
+            whole = _planar(disparity, pixels, chosen, flags, beneath)
+            sharpness = stages.pop("sharpness", confidence)
+            judged = whole, own, sharpness, flags, chosen.disparities, chosen.threads
+            disparity, confidence = validate.judged(*judged)
     elif chosen.fill is not None:
         with _timed(timings, "fill"):
             whole = _filled(chosen.fill, disparity, flags, pixels, beneath, chosen.threads)
-    holes = np.isnan(disparity)
+    if chosen.fill is not None or chosen.confidence is not None or chosen.least_confidence is not None:
+        holes = np.isnan(disparity)
     if chosen.fill is not None:
         flags |= (holes & np.isfinite(whole)) * np.uint8(Flag.FILLED)
         disparity = whole
@@ -403,7 +401,7 @@ def _filled(
         case "surfaces":
             return fill.surfaces(disparity, flags, pixels.left, pixels.level, threads)
         case _:
-            return fill.background(disparity)
+            return fill.background(disparity, threads)
 
 
 def _doubt(
@@ -433,7 +431,7 @@ def _calibrated(
     # its background lies farther off than a part of the image reaches.
     holes, surface = np.isnan(disparity), disparity
     if holes.any():
-        surface = np.nan_to_num(fill.background(disparity))
+        surface = np.nan_to_num(fill.background(disparity, chosen.threads))
         surface[holes.all(axis=1)] = 0
     guide = _fused.guide_of(pixels)[..., None]
     texture = validate.texture(guide, confidence.TEXTURE_WINDOW, chosen.threads)
@@ -488,7 +486,10 @@ def _semi_global(
     ground, plane = next(iter(_told(frame)), None), np.zeros((height, width), np.uint8)
     if chosen.slant is not None and (frame is None or frame.planes is None):
         with _timed(timings, "planes"):
-            ground = slant.road(np.where(flags == 0, disparity, np.float32(np.nan)), census.size)
+            step = slant.thinning(disparity.size)
+            few = np.s_[::step, ::step]
+            reliable = np.where(flags[few] == 0, disparity[few], np.float32(np.nan))
+            ground = slant.road(reliable, census.size, step, chosen.threads)
     if ground is not None:
         with _timed(timings, "match along the ground"):
             # Above the horizon this pass would be the first one again.
@@ -523,9 +524,8 @@ def _semi_global(
         stages["planes"] = np.array([] if ground is None else [ground], np.float64).reshape(-1, 3)
         stages["plane"] = plane
     if chosen.planar is not None:
-        stages["winners"], stages["sharpness"] = disparity.copy(), confidence.copy()
-    _refuse(flags != 0, Flag(0), disparity, confidence, flags)
-    return disparity, confidence, flags
+        stages["winners"], stages["sharpness"] = disparity, confidence
+    return *validate.accepted(disparity, confidence, flags, chosen.threads), flags
 
 
 def _planar(
@@ -534,25 +534,17 @@ def _planar(
     chosen: Settings,
     flags: npt.NDArray[np.uint8],
     beneath: DisparityMap | None,
-    winners: DisparityMap | None,
 ) -> DisparityMap:
-    """Fill the holes, draw all to the planes that they lie on, and judge the winners by these planes.
+    """Fill the holes, and draw all to the planes that they lie on.
 
-    A pixel keeps its answer where its own winner lies near the plane, and only there: so one that failed a
-    check of left against right gets it back where its surroundings agree. The flags are changed to say so.
+    A pixel then keeps its answer where its own winner lies near the plane, and only there: so one that failed
+    a check of left against right gets it back where its surroundings agree.
     """
     how = "background" if chosen.fill is None else chosen.fill
     whole = _filled(how, disparity, flags, pixels, beneath, chosen.threads)
     if chosen.median is not None:
         whole = refine.median(whole, chosen.median, chosen.threads)
-    smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
-    bounds = cast(Disparities, chosen.disparities)
-    np.clip(smooth, bounds.min, bounds.max - 1, out=smooth)
-    if winners is not None:
-        near = np.abs(winners - smooth) < AGREEMENT
-        np.copyto(flags, np.uint8(0), where=near & (flags & ~REVOCABLE == 0))
-        np.copyto(flags, np.uint8(Flag.MISMATCHED), where=~near & (flags == 0))
-    return smooth
+    return refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
 
 
 def _fit(subpixel: str | None) -> str | None:
@@ -916,8 +908,8 @@ def _planes(pixels: cost.Pixels, chosen: Settings, seen: Disparities) -> list[sl
         _kind(chosen), pixels, seen, slant.FIRST_WINDOW, _fit(chosen.subpixel), 1.0, 5.0, chosen.threads
     )
     if chosen.slant == "planes":
-        return slant.planes(first, chosen.cost.size)
-    ground = slant.road(first, chosen.cost.size)
+        return slant.planes(first, chosen.cost.size, threads=chosen.threads)
+    ground = slant.road(first, chosen.cost.size, threads=chosen.threads)
     return [] if ground is None else [ground]
 
 

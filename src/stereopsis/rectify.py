@@ -95,10 +95,8 @@ def ends_of(sample: npt.NDArray[Any]) -> tuple[float, float]:
 
 def halved(image: Bytes) -> Bytes:
     """The rounded mean of each 2 x 2 pixels; an odd last row or column is left out."""
-    rows, columns = (side // 2 * 2 for side in image.shape)
-    wide = image[:rows, :columns].astype(np.uint16)
-    sums = wide[::2, ::2] + wide[::2, 1::2] + wide[1::2, ::2] + wide[1::2, 1::2]
-    means: Bytes = ((sums + 2) >> 2).astype(np.uint8)
+    means = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.uint8)
+    _core.halve(image, means, _instructions.forced())
     return means
 
 
@@ -308,7 +306,7 @@ def undone(
     if frame is not None:
         c += a * frame.left + b * frame.top
         least, most = (least, most) if frame.limits is None else frame.limits[2:]
-    _core.move_rows(image, (a, b, c), least, most, moved, threads)
+    _core.move_rows(image, (a, b, c), least, most, moved, threads, _instructions.forced())
     return moved
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.types import EVERY, WHOLE, Disparities, DisparityMap, Flag, Halo, Sampling, worst_cost
 
 BoolMap = npt.NDArray[np.bool_]
@@ -262,6 +262,129 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
         Neighbours, of which a pixel has four, belong to one region where they differ by at most this (pixels
         of disparity).
     """
-    found = np.zeros(disparity.shape, np.uint8)
-    _core.speckle(np.ascontiguousarray(disparity), area, difference, found)
+    found = np.empty(disparity.shape, np.uint8)
+    _core.speckle(np.ascontiguousarray(disparity), area, difference, found, _instructions.forced())
     return found.view(bool)
+
+
+AGREEMENT = 3.0
+"""How near the plane of its surroundings a winner has to lie to agree with them, in pixels."""
+REVOCABLE = Flag.OCCLUDED | Flag.MISMATCHED | Flag.AMBIGUOUS | Flag.SPECKLE
+"""What is said of winners that their surroundings may speak for."""
+
+Answers = tuple[DisparityMap, npt.NDArray[np.float32]]
+"""Disparity, NaN where there is none, and confidence, 0 there; (H, W) each."""
+
+
+def accepted(
+    disparity: DisparityMap,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    threads: int = 0,
+) -> Answers:
+    """What has no flag.
+
+    Parameters
+    ----------
+    disparity, confidence : ndarray of float32, (H, W)
+        Not changed.
+    flags : ndarray of uint8, (H, W)
+    threads : int
+    """
+    answers = np.empty_like(disparity), np.empty_like(confidence)
+    _core.accept(disparity, confidence, flags, *answers, threads)
+    return answers
+
+
+def judged(
+    smooth: DisparityMap,
+    winners: DisparityMap | None,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    disparities: Disparities,
+    threads: int = 0,
+) -> Answers:
+    """Accept what was matched where its surroundings, drawn to their planes, agree, and only there.
+
+    Parameters
+    ----------
+    smooth : ndarray of float32, (H, W)
+        These planes; kept within the range, in place.
+    winners : ndarray of float32, (H, W), or None
+        Before any check. One within `AGREEMENT` of the plane loses its flags, in place, where all of these
+        are `REVOCABLE`; one farther off that had no flag gets `Flag.MISMATCHED`. None: flags stay.
+    confidence : ndarray of float32, (H, W)
+        The winners'.
+    flags : ndarray of uint8, (H, W)
+    disparities : Disparities
+    threads : int
+
+    Returns
+    -------
+    disparity, confidence : ndarray of float32, (H, W)
+        Of `smooth`, where there is no flag.
+    """
+    answers = np.empty(smooth.shape, np.float32), np.empty(smooth.shape, np.float32)
+    verdict = disparities.min, disparities.max - 1, AGREEMENT, REVOCABLE, Flag.MISMATCHED
+    told = None if winners is None else np.ascontiguousarray(winners)
+    _core.judge(told, np.ascontiguousarray(confidence), *verdict, smooth, flags, *answers, threads)
+    return answers
+
+
+def refuse_dull(
+    image: npt.NDArray[Any],
+    window: tuple[int, int],
+    least: float,
+    disparity: DisparityMap,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    threads: int = 0,
+) -> None:
+    """Refuse, in place and as `Flag.LOW_TEXTURE`, where `texture` is below `least`.
+
+    Parameters
+    ----------
+    image : ndarray of uint8 or int32, (H, W, C)
+    window : (width, height)
+    least : float
+        Grey levels a pixel.
+    disparity, confidence : ndarray of float32, (H, W)
+        Contiguous; become NaN and 0.
+    flags : ndarray of uint8, (H, W)
+        Contiguous; get one more bit.
+    threads : int
+    """
+    _require_contiguous(disparity, confidence, flags)
+    _core.refuse_dull(
+        np.ascontiguousarray(image),
+        *window,
+        least,
+        Flag.LOW_TEXTURE.value,
+        disparity,
+        confidence,
+        flags,
+        threads,
+        _instructions.forced(),
+    )
+
+
+def refuse_speckle(
+    disparity: DisparityMap,
+    area: int,
+    difference: float,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+) -> None:
+    """Refuse, in place and as `Flag.SPECKLE`, what `speckle` finds; the arrays are as in `refuse_dull`."""
+    _require_contiguous(disparity, confidence, flags)
+    instructions = _instructions.forced()
+    _core.refuse_speckle(area, difference, Flag.SPECKLE.value, disparity, confidence, flags, instructions)
+
+
+def _require_contiguous(
+    disparity: DisparityMap, confidence: npt.NDArray[np.float32], flags: npt.NDArray[np.uint8]
+) -> None:
+    """Of others the core would change copies."""
+    for name, array in (("disparity", disparity), ("confidence", confidence), ("flags", flags)):
+        if not array.flags.c_contiguous:
+            raise ValueError(f"{name} must be contiguous, not of strides {array.strides}")

@@ -1694,7 +1694,7 @@ void test_path_sums() {
     const Pair pair{nullptr, nullptr, H, W, 1, random.between(-D, W), D};
     const int most = n % 2 ? 60 : 400, p1 = random.between(0, 20);
     std::vector<int32_t> p2(256);
-    for (auto& v : p2) v = p1 + random.below(100);
+    for (auto& v : p2) v = p1 + random.below(n % 4 ? 100 : 170);  // twice that is more than a byte, or not
     std::vector<uint8_t> guide(static_cast<size_t>(H) * W);
     for (auto& v : guide) v = static_cast<uint8_t>(random.below(256));
     std::vector<uint16_t> costs(guide.size() * D);
@@ -1712,9 +1712,11 @@ void test_path_sums() {
 
 void test_census_matching() {
   Random random{89};
-  for (int n = 0; n < 40; ++n) {
+  for (int n = 0; n < 48; ++n) {
+    const bool wide = n % 6 == 5;  // enough for pixels whose candidates are all in view, and for many pixels at a time
     const int widths[] = {7, 40, 64, 120}, rows[] = {1, 9, 24};
-    const int bits = widths[n % 4], planes = (bits + 63) / 64, H = rows[n % 3], W = random.between(1, 40);
+    const int bits = widths[n / 6 % 4], planes = (bits + 63) / 64, H = rows[n % 3] / (wide ? 4 : 1) + wide;
+    const int W = wide ? random.between(150, 190) : random.between(1, 40);
     const bool aggregated = n % 2 && bits <= kMostAggregatedBits;
     const int unit = aggregated ? 3 : 0, most = ((aggregated ? 9 : 1) * bits + (1 << unit >> 1)) >> unit;
     const size_t pixels = static_cast<size_t>(H) * W;
@@ -1726,10 +1728,10 @@ void test_census_matching() {
     }
     std::vector<int16_t> shift(pixels);
     for (auto& v : shift) v = static_cast<int16_t>(random.between(-30, 30));
-    const std::vector<int32_t> p2(256, 80);
-    const Pair pair{nullptr, nullptr, H, W, 1, random.between(-9, 9), random.between(1, 90)};
-    const CensusCosts costs{left.data(), right.data(), bits, aggregated, unit, n % 3 ? nullptr : shift.data()};
-    const SgmSettings settings{8, most, 9, p2.data(), nullptr};
+    const std::vector<int32_t> p2(256, n % 8 ? 80 : 130);
+    const Pair pair{nullptr, nullptr, H, W, 1, random.between(-9, 9), wide ? 128 : random.between(1, 90)};
+    const CensusCosts costs{left.data(), right.data(), bits, aggregated, unit, n % 3 || wide ? nullptr : shift.data()};
+    const SgmSettings settings{n % 7 ? 8 : 4, most, 9, p2.data(), nullptr};
     const FusedSettings select{CostKind::sad, {1, 1}, Subpixel::parabola, n % 5 != 0, 1.0, n % 4 == 0, 1.1};
     std::vector<float> wanted;
     for (const FusedKernel* kernel : available_kernels())

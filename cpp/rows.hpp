@@ -7,10 +7,10 @@
 
 namespace stereopsis {
 
-// The windows that corners are sought by and points are followed with, where they are of the usual width and not too tall.
-constexpr int kUsualColumns = 13, kTallestUsual = 15;
+// The windows that corners are sought by and points are followed with: so many columns, and up to so many rows.
+constexpr int kTrackedColumns = 13, kMostTrackedRows = 15;
 
-// A pair of images of the same size and windows of kUsualColumns x `rows` in them.
+// A pair of images of the same size and windows of kTrackedColumns x `rows` in them.
 struct Windows {
   const uint8_t *left, *right;
   int height, width, rows;

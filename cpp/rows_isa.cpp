@@ -239,7 +239,7 @@ static void median_of_25(const float* const* rows, int width, float* STEREOPSIS_
   }
 }
 
-// ---- windows of the usual width: kWide columns side by side, of which the last few count for nothing ---------------------
+// ---- tracked windows: kWide columns side by side, of which the last few count for nothing ---------------------------------
 
 constexpr int kWide = 16;
 constexpr double kStill = 0.01;  // pixels: a point that moves less has arrived
@@ -259,10 +259,10 @@ struct Bytes {
 };
 
 static double cornerness(const Windows& windows, int x, int y) {
-  const int stride = windows.width, reach = kUsualColumns / 2, above = windows.rows / 2;
+  const int stride = windows.width, reach = kTrackedColumns / 2, above = windows.rows / 2;
   const uint8_t* const end = windows.left + static_cast<size_t>(windows.height) * stride;
   alignas(64) int16_t counts[kWide];
-  for (int u = 0; u < kWide; ++u) counts[u] = u < kUsualColumns ? -1 : 0;
+  for (int u = 0; u < kWide; ++u) counts[u] = u < kTrackedColumns ? -1 : 0;
   int32_t xx = 0, xy = 0, yy = 0;  // at most 15 rows of 13 products of 255 x 255
   for (int v = y - above; v <= y + above; ++v) {
     const uint8_t* const row = windows.left + static_cast<size_t>(v) * stride + x - reach;
@@ -290,7 +290,7 @@ struct Template {
   int rows;
   float mean;
   double squares, x_value, y_value, xx, xy, yy;
-  float value[kTallestUsual][kWide], gx[kTallestUsual][kWide], gy[kTallestUsual][kWide];
+  float value[kMostTrackedRows][kWide], gx[kMostTrackedRows][kWide], gy[kMostTrackedRows][kWide];
 };
 
 // kWide numbers side by side.
@@ -345,14 +345,14 @@ struct Wide {
     float column[kWide];
     store(column);
     float eight[8], four[4];
-    for (int u = 0; u < 8; ++u) eight[u] = u + 8 < kUsualColumns ? column[u] + column[u + 8] : column[u];
+    for (int u = 0; u < 8; ++u) eight[u] = u + 8 < kTrackedColumns ? column[u] + column[u + 8] : column[u];
     for (int u = 0; u < 4; ++u) four[u] = eight[u] + eight[u + 4];
     return (four[0] + four[2]) + (four[1] + four[3]);
   }
 };
 
 static void take(const Windows& windows, int x, int y, Template& mine) {
-  const int stride = windows.width, reach = kUsualColumns / 2;
+  const int stride = windows.width, reach = kTrackedColumns / 2;
   const uint8_t* const end = windows.left + static_cast<size_t>(windows.height) * stride;
   const Wide zero = Wide::all(0), half = Wide::all(0.5f);
   Wide value = zero, gx = zero, gy = zero;
@@ -371,7 +371,7 @@ static void take(const Windows& windows, int x, int y, Template& mine) {
     gx = gx + a;
     gy = gy + b;
   }
-  const double pixels = static_cast<double>(kUsualColumns) * mine.rows;
+  const double pixels = static_cast<double>(kTrackedColumns) * mine.rows;
   const auto mean = [&](const Wide& sums) STEREOPSIS_INLINE_LAMBDA { return static_cast<float>(sums.total() / pixels); };
   mine.mean = mean(value);
   const Wide mean_value = Wide::all(mine.mean), mean_x = Wide::all(mean(gx)), mean_y = Wide::all(mean(gy));
@@ -398,7 +398,7 @@ static void take(const Windows& windows, int x, int y, Template& mine) {
 
 // The right window at (x, y), straight lines between pixels; false where it leaves the image.
 static bool compare(const Windows& windows, const Template& mine, double x, double y, Products& found) {
-  const int reach = kUsualColumns / 2, above = mine.rows / 2, width = windows.width, height = windows.height;
+  const int reach = kTrackedColumns / 2, above = mine.rows / 2, width = windows.width, height = windows.height;
   if (!(x >= reach && x <= width - 1 - reach && y >= above && y <= height - 1 - above)) return false;
   const int last_left = width - 2 - reach, last_top = height - 2 - above;
   const int left = static_cast<int>(x) < last_left ? static_cast<int>(x) : last_left;
@@ -424,7 +424,7 @@ static bool compare(const Windows& windows, const Template& mine, double x, doub
     upper = lower;
   }
   const double all = sum.total();
-  found = {squares.total() - all * all / (static_cast<double>(kUsualColumns) * mine.rows), by_value.total(), by_x.total(),
+  found = {squares.total() - all * all / (static_cast<double>(kTrackedColumns) * mine.rows), by_value.total(), by_x.total(),
            by_y.total()};
   return true;
 }

@@ -1006,7 +1006,7 @@ void test_corners_and_tracks() {
   Random random{25};
   for (int round = 0; round < 60; ++round) {
     const int H = random.between(1, 30), W = random.between(1, 40), tile = random.between(1, 20);
-    const HalfWindow reach{random.between(1, 7), random.between(1, 5)};
+    const int reach = random.between(1, 7), reach_x = kTrackedColumns / 2;
     std::vector<uint8_t> image(static_cast<size_t>(H) * W);
     for (uint8_t& pixel : image) pixel = static_cast<uint8_t>(random.below(256));
     const Workers workers{random.between(1, 4), [] { return false; }};
@@ -1015,8 +1015,8 @@ void test_corners_and_tracks() {
     std::vector<int32_t> points{0, 0, W - 1, H - 1};
     for (size_t k = 0; k < found.size(); k += 2)
       if (found[k] >= 0) {
-        const bool inside = found[k] > reach.x && found[k] + reach.x + 1 < W && found[k + 1] > reach.y &&
-                            found[k + 1] + reach.y + 1 < H;
+        const bool inside = found[k] > reach_x && found[k] + reach_x + 1 < W && found[k + 1] > reach &&
+                            found[k + 1] + reach + 1 < H;
         CHECK(inside, text(found[k]) + ", " + text(found[k + 1]));
         points.insert(points.end(), {found[k], found[k + 1]});
       }

@@ -639,7 +639,12 @@ def _coarse(pixels: cost.Pixels, seen: Disparities, levels: int, threads: int) -
 
 
 def _halved_map(
-    left: rectify.Bytes, right: rectify.Bytes, seen: Disparities, levels: int, uniqueness: float, threads: int
+    left: rectify.Bytes,
+    right: rectify.Bytes,
+    seen: Disparities,
+    levels: int,
+    uniqueness: float | None,
+    threads: int,
 ) -> DisparityMap | None:
     """A checked map of images that were halved so often; None where they hold no candidate."""
     if not left.size:
@@ -1089,7 +1094,7 @@ def coarse_map(
     seen = _in_view(disparities, width, 1)
     if seen is None or min(left.shape) < 8:
         return None
-    return _halved_map(left, right, seen, rectify.levels(width), 5.0, threads)
+    return _halved_map(left, right, seen, rectify.levels(width), None, threads)
 
 
 def shrunk(image: Image, factor: int) -> Image:

@@ -134,7 +134,6 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
   const int64_t stride = static_cast<int64_t>(width) * channels;
   const int64_t pixels = height * stride;
   quick_rows(height, pixels, 1 << 18, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    std::vector<float> part(width);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       // Two rows beyond the image every row that is read is the edge's.
       const auto whole_row = [&](int x) {
@@ -152,10 +151,9 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
             high = middle;
         }
         const double start = y + offset.at(0, y) - whole;
-        for (int u = x; u < low; ++u) part[u] = static_cast<float>(start + offset.a * u);
         const auto row = [&](int k) { return image + std::min(std::max(whole + k, 0), height - 1) * stride; };
         const T* const rows[4] = {row(-1), row(0), row(1), row(2)};
-        kernel(rows, part.data(), x, low, channels, lowest, range, moved + y * stride);
+        kernel(rows, start, offset.a, x, low, channels, lowest, range, moved + y * stride);
         x = low;
       }
     }

@@ -29,11 +29,11 @@ static void halve(const uint8_t* STEREOPSIS_RESTRICT above, const uint8_t* STERE
 }
 
 template <int C, class T>
-static STEREOPSIS_INLINE void between_rows(const T* const* rows, const float* STEREOPSIS_RESTRICT part, int begin, int end, T lowest,
+static STEREOPSIS_INLINE void between_rows(const T* const* rows, double start, double slope, int begin, int end, T lowest,
                                            float range, T* STEREOPSIS_RESTRICT out) {
   const T *p0 = rows[0], *p1 = rows[1], *p2 = rows[2], *p3 = rows[3];
   for (int x = begin; x < end; ++x) {
-    const float some = part[x] < 0.0f ? 0.0f : part[x], t = some > 1.0f ? 1.0f : some;
+    const float part = static_cast<float>(start + slope * x), some = part < 0.0f ? 0.0f : part, t = some > 1.0f ? 1.0f : some;
     const float w0 = t * (t * (2 - t) - 1) * 0.5f, w1 = (t * t * (3 * t - 5) + 2) * 0.5f;
     const float w2 = t * (t * (4 - 3 * t) + 1) * 0.5f, w3 = t * t * (t - 1) * 0.5f;
     for (int i = x * C; i < (x + 1) * C; ++i) {
@@ -48,11 +48,12 @@ static STEREOPSIS_INLINE void between_rows(const T* const* rows, const float* ST
 }
 
 template <class T>
-static void between(const T* const* rows, const float* part, int begin, int end, int channels, T lowest, float range, T* out) {
+static void between(const T* const* rows, double start, double slope, int begin, int end, int channels, T lowest, float range,
+                    T* out) {
   if (channels == 1)
-    between_rows<1>(rows, part, begin, end, lowest, range, out);
+    between_rows<1>(rows, start, slope, begin, end, lowest, range, out);
   else
-    between_rows<3>(rows, part, begin, end, lowest, range, out);
+    between_rows<3>(rows, start, slope, begin, end, lowest, range, out);
 }
 
 // ---- what the windows of an image hold of texture -------------------------------------------------------------------------

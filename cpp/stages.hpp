@@ -232,7 +232,7 @@ void flood(const uint8_t* relief, int height, int width, uint8_t* level, const W
 int label(const uint8_t* inside, int height, int width, int32_t* region, const Workers& workers);
 
 // ---- refine ----------------------------------------------------------------------------------------------------------
-// Median over a size x size window of the pixels that have a value; pixels without one stay without.
+// Median over a size x size window of the pixels that have a value; pixels without one stay without. `filtered` may be the map.
 void median(const float* disparity, int height, int width, int size, float* filtered, const RowKernels& kernels,
             const Workers& workers);
 

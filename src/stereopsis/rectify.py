@@ -29,8 +29,8 @@ COLUMNS = 400
 """The coarsest level of the pyramid is the first with at most so many columns, and never the image itself."""
 TILE = 18
 """A point is sought in each square of so many pixels, or more of a large image: in about `TILES` of them."""
-TILES = 600
-STRIDE = 6
+TILES = 700
+STRIDE = 8
 """Every how many rows and columns of a tile."""
 REACH = (6, 4)
 """A window goes so many columns and rows from its point: 13 x 9. The core's kernels are for 13 columns."""

@@ -133,7 +133,7 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
   }();
   const int64_t stride = static_cast<int64_t>(width) * channels;
   const int64_t pixels = height * stride;
-  quick_rows(height, pixels, 1 << 18, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_rows(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       // Two rows beyond the image every row that is read is the edge's.
       const auto whole_row = [&](int x) {

@@ -193,6 +193,17 @@ def test_points_that_agree_on_nothing(deviation):
     assert rectify.fit(Sights(x, y, rng.normal(0, deviation, 200)), (301, 801)) == (0, 0, 0)
 
 
+def test_noise_is_hardly_ever_a_field():
+    rng = np.random.default_rng(6)
+    found = 0
+    for number in range(1800):
+        count, deviation = (40, 100, 250)[number % 3], (0.3, 1.0, 3.0)[number // 3 % 3]
+        x, y = rng.uniform(0, 800, count), rng.uniform(0, 300, count)
+        rows = rng.normal(0, deviation, count) if number % 2 else deviation * rng.standard_t(2, count)
+        found += any(rectify.fit(Sights(x, y, np.clip(rows, -4, 4)), (301, 801)))
+    assert found <= 3
+
+
 def test_one_corner_says_little_about_the_rest():
     rng = np.random.default_rng(5)
     x, y = rng.uniform(0, 100, 60), rng.uniform(0, 60, 60)

@@ -15,11 +15,13 @@
 #include <vector>
 
 #include "dispatch.hpp"
+#include "heap.hpp"
 #include "parallel.hpp"
 #include "planar.hpp"
 #include "planes.hpp"
 #include "rows.hpp"
 #include "sgm.hpp"
+#include "smooth.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;
@@ -629,16 +631,18 @@ void require_tracked(int reach) {
 }
 
 // Two tables of weights, fine and coarse.
-SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W) {
+SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W,
+                           const std::string& instructions) {
   require_shape(guide, H, W);
   require(tables.shape(0) == 2 && tables.shape(1) > 0, "two tables");
   const int length = static_cast<int>(tables.shape(1));
-  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength};
+  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength, choose_smoothing(instructions)};
 }
 
 }  // namespace
 
 NB_MODULE(_core, m) {
+  keep_freed_memory();
   m.attr("narrow_limit") = narrow_limit;
 
   m.def("instruction_sets", [] {
@@ -732,15 +736,17 @@ NB_MODULE(_core, m) {
   });
 
   m.def("find_plane", [](const Array<const float, 2>& disparity, int top, int radius, double most_a, double least_b,
-                         double most_b, double tolerance, int trials, int sample, const Array<double, 1>& found) {
+                         double most_b, double tolerance, int trials, int sample, const Array<double, 1>& found, int threads,
+                         const std::string& instructions) {
     require_shape(found, 3);
     require(top >= 0 && radius >= 0 && trials > 0 && sample > 0, "a search needs trials and a sample");
+    const PlanarKernel& kernel = choose_planar(instructions);
     Plane plane{0, 0, 0};
     int inliers = 0;
-    run(1, [&](const Workers& workers) {
+    run(threads, [&](const Workers& workers) {
       const PlaneSearch search{top, radius, most_a, least_b, most_b, tolerance, trials, sample};
       inliers = find_plane(disparity.data(), static_cast<int>(disparity.shape(0)), static_cast<int>(disparity.shape(1)),
-                           search, &plane, workers);
+                           search, &plane, kernel, workers);
     });
     found(0) = plane.a;
     found(1) = plane.b;
@@ -885,6 +891,32 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.def("accept", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
+                     const Array<const uint8_t, 2>& flags, const Array<float, 2>& accepted, const Array<float, 2>& trust,
+                     int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    for (const auto& map : {confidence, Array<const float, 2>(accepted), Array<const float, 2>(trust)}) require_shape(map, H, W);
+    require_shape(flags, H, W);
+    run(threads, [&](const Workers& workers) {
+      accept(disparity.data(), confidence.data(), flags.data(), H, W, accepted.data(), trust.data(), workers);
+    });
+  });
+
+  m.def("judge", [](const std::optional<Array<const float, 2>>& winners, const Array<const float, 2>& confidence, float least,
+                    float most, float near, int revocable, int wrong, const Array<float, 2>& smooth,
+                    const Array<uint8_t, 2>& flags, const Array<float, 2>& accepted, const Array<float, 2>& trust, int threads) {
+    const int H = smooth.shape(0), W = smooth.shape(1);
+    if (winners) require_shape(*winners, H, W);
+    for (const auto& map : {confidence, Array<const float, 2>(accepted), Array<const float, 2>(trust)}) require_shape(map, H, W);
+    require_shape(flags, H, W);
+    require(0 <= revocable && revocable <= 255 && 0 <= wrong && wrong <= 255, "flags have 8 bits");
+    const Evidence seen{winners ? winners->data() : nullptr, confidence.data()};
+    const Verdict verdict{least, most, near, static_cast<uint8_t>(revocable), static_cast<uint8_t>(wrong)};
+    run(threads, [&](const Workers& workers) {
+      judge(seen, verdict, H, W, smooth.data(), flags.data(), accepted.data(), trust.data(), workers);
+    });
+  });
+
   m.def("weighted_median", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 3>& guide, int size, int slope,
                               const Array<float, 2>& out, int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
@@ -898,9 +930,9 @@ NB_MODULE(_core, m) {
   });
 
   m.def("edge_aware", [](const Array<const float, 2>& disparity, const Pixels& guide, const Array<const float, 2>& tables,
-                         float strength, int iterations, const Array<float, 2>& out, int threads) {
+                         float strength, int iterations, const Array<float, 2>& out, int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) { edge_aware(disparity.data(), surfaces, H, W, iterations, out.data(), workers); });
   });
@@ -935,9 +967,9 @@ NB_MODULE(_core, m) {
 
   m.def("fill_surfaces", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded, const Pixels& guide,
                             const Array<const float, 2>& tables, float strength, float least, float most,
-                            const Array<float, 2>& out, int threads) {
+                            const Array<float, 2>& out, int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
     require_shape(occluded, H, W);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {
@@ -945,15 +977,25 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.def("nearer", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
+                     const Array<const float, 2>& again, const Array<float, 2>& out, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require_shape(doubtful, H, W);
+    require_shape(again, H, W);
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) { nearer(disparity.data(), doubtful.data(), again.data(), H, W, out.data(), workers); });
+  });
+
   m.def("outlines", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
-                       const Array<const uint8_t, 2>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
+                       const Array<const uint8_t, 3>& image, const Array<const int32_t, 1>& alike, const Array<float, 2>& out,
                        int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    for (const auto& bytes : {doubtful, image}) require_shape(bytes, H, W);
+    require_shape(doubtful, H, W);
+    require_shape(image, H, W);
     require_shape(alike, 256);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {
-      outlines(disparity.data(), doubtful.data(), image.data(), alike.data(), H, W, out.data(), workers);
+      outlines(disparity.data(), doubtful.data(), image.data(), static_cast<int>(image.shape(2)), alike.data(), H, W, out.data(), workers);
     });
   });
 

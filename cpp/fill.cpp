@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <vector>
 
@@ -99,10 +100,35 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
   });
 }
 
+void nearer(const float* disparity, const uint8_t* doubtful, const float* again, int height, int width, float* found, const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t row = static_cast<size_t>(y) * width;
+      const auto stands = [&](int x) { return !doubtful[row + x] && !std::isnan(disparity[row + x]); };
+      float before = kNone;
+      for (int x = 0; x < width;) {
+        if (stands(x)) {
+          before = found[row + x] = disparity[row + x];
+          ++x;
+          continue;
+        }
+        int next = x;
+        while (next < width && !stands(next)) ++next;
+        const float after = next < width ? disparity[row + next] : before;
+        const float least = lower(before, after), most = -lower(-before, -after);
+        for (; x < next; ++x) {
+          const float first = disparity[row + x], second = std::min(std::max(again[row + x], least), most);
+          found[row + x] = doubtful[row + x] && !std::isnan(least) && second > first ? second : first;
+        }
+      }
+    }
+  });
+}
+
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers) {
   const size_t size = static_cast<size_t>(height) * width;
-  const SlopeMaps slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
+  const SlopeMaps slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, guide.kernel, workers);
   // Continued from above and below, down and up every column.
   std::vector<float> above(size, kNone), below(size, kNone), range(size), weight(size), base(size);
   parallel_rows(width, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
@@ -148,26 +174,29 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
       }
     }
   });
-  std::vector<float> missing;
-  for (size_t at = 0; at < size; ++at)
-    if (!std::isnan(disparity[at])) missing.push_back(disparity[at]);
-  if (missing.empty()) {
-    std::fill(filled, filled + size, kNone);
-    return;
-  }
-  std::nth_element(missing.begin(), missing.begin() + missing.size() / 2, missing.end());
-  const float middle = missing[missing.size() / 2];
   std::vector<float> value(base);
-  for (size_t at = 0; at < size; ++at)
-    if (std::isnan(value[at])) value[at] = middle;
+  if (std::any_of(base.begin(), base.end(), [](float v) { return std::isnan(v); })) {
+    // Nothing lies beside these, above or below: they begin as the map's median.
+    std::vector<float> answers;
+    std::copy_if(disparity, disparity + size, std::back_inserter(answers), [](float v) { return !std::isnan(v); });
+    if (answers.empty()) {
+      std::fill(filled, filled + size, kNone);
+      return;
+    }
+    const auto middle = answers.begin() + static_cast<std::ptrdiff_t>(answers.size() / 2);
+    std::nth_element(answers.begin(), middle, answers.end());
+    for (float& v : value) v = std::isnan(v) ? *middle : v;
+  }
   const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
   const Slopes rises{slopes.right.data(), slopes.down.data()};
-  smooth({{value.data(), weight.data()}}, &rises, height, width, edges, guide.strength, 2, workers);
-  for (size_t at = 0; at < size; ++at) {
-    if (!std::isnan(disparity[at])) continue;
-    const bool surface = std::isnan(base[at]) || range[at] <= (occluded[at] ? 8.0f : 12.0f);
-    filled[at] = std::min(std::max(surface ? value[at] : base[at], least), most);
-  }
+  smooth({{value.data(), weight.data()}}, &rises, height, width, edges, guide.strength, 2, guide.kernel, workers);
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
+    for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
+      if (!std::isnan(disparity[at])) continue;
+      const bool surface = std::isnan(base[at]) || range[at] <= (occluded[at] ? 8.0f : 12.0f);
+      filled[at] = std::min(std::max(surface ? value[at] : base[at], least), most);
+    }
+  });
 }
 
 }  // namespace stereopsis

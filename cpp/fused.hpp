@@ -55,7 +55,22 @@ struct FusedOutput {
 constexpr int64_t narrow_limit = 32896;
 inline bool narrow_fits(const Window& window, int channels) { return window.area() * channels <= narrow_limit; }
 
-using Cancel = std::atomic<bool>;
+// Whether to stop early, as whoever works asks before each row: a flag that all threads share. Whom Python waits for finds out
+// by it as well whether an answer is still wanted.
+class Cancel {
+ public:
+  using Ask = bool (*)(void*);
+  explicit Cancel(bool cancelled) : cancelled_(cancelled) {}
+  explicit Cancel(const std::atomic<bool>& shared, Ask ask = nullptr, void* whom = nullptr)
+      : shared_(&shared), ask_(ask), whom_(whom) {}
+  bool load(std::memory_order order) const { return shared_ ? shared_->load(order) || (ask_ && ask_(whom_)) : cancelled_; }
+
+ private:
+  bool cancelled_ = false;
+  const std::atomic<bool>* shared_ = nullptr;
+  Ask ask_ = nullptr;
+  void* whom_ = nullptr;
+};
 
 struct SupportKernels;
 

@@ -54,14 +54,21 @@ class Jumps {
   std::vector<uint8_t> jumps_;
 };
 
+// The largest difference of the channels.
+int apart(const uint8_t* one, const uint8_t* other, int channels) {
+  int most = 0;
+  for (int c = 0; c < channels; ++c) most = std::max(most, std::abs(one[c] - other[c]));
+  return most;
+}
+
 void unite(const uint8_t* STEREOPSIS_RESTRICT one, int width, uint8_t* STEREOPSIS_RESTRICT all) {
   for (int x = 0; x < width; ++x) all[x] |= one[x];
 }
 
 }  // namespace
 
-void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, const int32_t* alike, int height, int width,
-              float* moved, const Workers& workers) {
+void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, int channels, const int32_t* alike, int height,
+              int width, float* moved, const Workers& workers) {
   const auto at = [width](int y, int x) { return static_cast<size_t>(y) * width + x; };
   std::vector<uint8_t> columns(static_cast<size_t>(height) * width);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
@@ -86,7 +93,7 @@ void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* im
           farther = disparity[q] < farther ? disparity[q] : farther;
           nearer = disparity[q] > nearer ? disparity[q] : nearer;
         });
-        const float apart = nearer - farther;
+        const float span = nearer - farther;
         int votes = 0;
         for (int dy = -kStride * kStrides; dy <= kStride * kStrides; dy += kStride) {
           if (y + dy < 0 || y + dy >= height) continue;
@@ -94,9 +101,9 @@ void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* im
             if (x + dx < 0 || x + dx >= width) continue;
             const size_t q = at(y + dy, x + dx);
             if (doubtful[q]) continue;
-            const int weight = alike[std::abs(image[q] - image[at(y, x)])];
-            if (3 * std::abs(disparity[q] - nearer) < apart) votes += weight;
-            if (3 * std::abs(disparity[q] - farther) < apart) votes -= weight;
+            const int weight = alike[apart(image + q * channels, image + at(y, x) * channels, channels)];
+            if (3 * std::abs(disparity[q] - nearer) < span) votes += weight;
+            if (3 * std::abs(disparity[q] - farther) < span) votes -= weight;
           }
         }
         if (votes > 0) moved[at(y, x)] = nearer;

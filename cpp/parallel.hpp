@@ -24,17 +24,46 @@ inline int resolve_threads(int threads) {
   return cores ? static_cast<int>(cores) : 1;
 }
 
-// Calls work(begin, end, cancel) for `threads` bands of [0, rows), one thread a band, while this thread asks
-// `interrupted` every few hundredths of a second. Throws what a band threw, or Interrupted.
+constexpr std::chrono::milliseconds kPatience{100};
+
+// Asks `interrupted` ten times a second, and cancels all work once it says so.
+template <class Asked>
+class Asking {
+ public:
+  Asking(Asked& interrupted, std::atomic<bool>& cancelled) : interrupted_(interrupted), cancelled_(cancelled) {}
+  bool ask() {
+    if (stopped_ || Clock::now() < next_) return stopped_;
+    stopped_ = interrupted_();
+    if (stopped_) cancelled_.store(true);
+    next_ = Clock::now() + kPatience;
+    return stopped_;
+  }
+  bool stopped() const { return stopped_; }
+  Cancel cancel() {
+    return Cancel(cancelled_, [](void* self) { return static_cast<Asking*>(self)->ask(); }, this);
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Asked& interrupted_;
+  std::atomic<bool>& cancelled_;
+  Clock::time_point next_ = Clock::now() + kPatience;
+  bool stopped_ = false;
+};
+
+// Calls work(begin, end, cancel) for `threads` bands of [0, rows), one thread a band; the last is this one's, as to start a
+// thread takes as long as many a band. It asks `interrupted` when its band asks `cancel`, and while it waits for the others.
+// Throws what a band threw, or Interrupted.
 template <class Work, class Asked>
 void parallel_rows(int rows, int threads, Asked interrupted, Work work) {
   const int bands = std::max(1, std::min(threads, rows));
-  Cancel cancel{false};
+  std::atomic<bool> cancelled{false};
+  Asking asking(interrupted, cancelled);
   std::mutex mutex;
   std::condition_variable finished;
   int running = bands;
   std::exception_ptr error;
-  const auto band = [&](int k) {
+  const auto band = [&](int k, const Cancel& cancel) {
     const int begin = static_cast<int>(static_cast<int64_t>(rows) * k / bands);
     const int end = static_cast<int>(static_cast<int64_t>(rows) * (k + 1) / bands);
     std::exception_ptr thrown;
@@ -42,36 +71,33 @@ void parallel_rows(int rows, int threads, Asked interrupted, Work work) {
       work(begin, end, cancel);
     } catch (...) {
       thrown = std::current_exception();
-      cancel.store(true);
+      cancelled.store(true);
     }
     const std::lock_guard<std::mutex> lock(mutex);
     if (thrown && !error) error = thrown;
     if (--running == 0) finished.notify_one();
   };
   std::vector<std::thread> workers;
-  workers.reserve(bands);
+  workers.reserve(bands - 1);
   try {
-    for (int k = 0; k < bands; ++k) workers.emplace_back(band, k);
+    for (int k = 0; k + 1 < bands; ++k) workers.emplace_back([&band, &cancelled, k] { band(k, Cancel(cancelled)); });
   } catch (...) {
     // No more threads to be had: end those that started, then say so.
-    cancel.store(true);
+    cancelled.store(true);
     for (auto& worker : workers) worker.join();
     throw;
   }
-  bool stop = false;
+  band(bands - 1, asking.cancel());
   {
     std::unique_lock<std::mutex> lock(mutex);
-    while (!finished.wait_for(lock, std::chrono::milliseconds(50), [&] { return running == 0; })) {
+    while (!finished.wait_for(lock, kPatience, [&] { return running == 0; })) {
       lock.unlock();
-      if (!stop && interrupted()) {
-        stop = true;
-        cancel.store(true);
-      }
+      asking.ask();
       lock.lock();
     }
   }
   for (auto& worker : workers) worker.join();
-  if (stop) throw Interrupted();
+  if (asking.stopped()) throw Interrupted();
   if (error) std::rethrow_exception(error);
 }
 

@@ -30,8 +30,19 @@ constexpr int kPlanarBlock = 16;
 // With fewer samples on the plane than this a pixel stays as it is.
 constexpr int kFewestOnPlane = 6;
 
+// Planes a x + (b y + c) that are held against a map side by side, and a place and the disparity there.
+constexpr int kSideBySide = 8;
+struct PlanesTried {
+  double a[kSideBySide], b[kSideBySide], c[kSideBySide];
+};
+struct Point {
+  float x, y, d;
+};
+
 struct PlanarKernel {
   void (*row)(const PlanarRow&);
+  // Adds to each plane's sum how far the points lie off it, each `tolerance` at most.
+  void (*leave)(const Point* points, size_t count, const PlanesTried& planes, double tolerance, double* sums);
 };
 // The build that goes with the named instruction set, or with the best one for an empty name.
 const PlanarKernel& choose_planar(const std::string& name);

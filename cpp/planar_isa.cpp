@@ -100,10 +100,33 @@ void row(const PlanarRow& row) {
   }
 }
 
+// Each sum waits for itself alone: side by side, they take little longer than one.
+void leave(const Point* points, size_t count, const PlanesTried& planes, double tolerance, double* sums) {
+  using D = Simd::D;
+  constexpr int lanes = N / 2, vectors = kSideBySide / lanes;
+  static_assert(kSideBySide % lanes == 0, "whole vectors of planes");
+  D a[vectors], b[vectors], c[vectors], sum[vectors];
+  for (int v = 0; v < vectors; ++v) {
+    const int from = v * lanes;
+    a[v] = Simd::load(planes.a + from), b[v] = Simd::load(planes.b + from), c[v] = Simd::load(planes.c + from);
+    sum[v] = Simd::load(sums + from);
+  }
+  const D most = Simd::set(tolerance);
+  for (const Point *at = points, *end = points + count; at != end; ++at) {
+    const double place[3] = {at->x, at->y, at->d};
+    const D x = Simd::set(place[0]), y = Simd::set(place[1]), d = Simd::set(place[2]);
+    for (int v = 0; v < vectors; ++v) {
+      const D off = Simd::sub(Simd::add(Simd::mul(a[v], x), Simd::add(Simd::mul(b[v], y), c[v])), d);
+      sum[v] = Simd::add(sum[v], Simd::min(Simd::abs(off), most));
+    }
+  }
+  for (int v = 0; v < vectors; ++v) Simd::store(sums + v * lanes, sum[v]);
+}
+
 }  // namespace
 
 extern const PlanarKernel planar;
-const PlanarKernel planar = {row};
+const PlanarKernel planar = {row, leave};
 
 }  // namespace STEREOPSIS_ISA
 }  // namespace stereopsis

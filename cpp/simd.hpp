@@ -153,6 +153,8 @@ struct Simd {
   static STEREOPSIS_INLINE D add(D a, D b) { return _mm512_add_pd(a, b); }
   static STEREOPSIS_INLINE D sub(D a, D b) { return _mm512_sub_pd(a, b); }
   static STEREOPSIS_INLINE D mul(D a, D b) { return _mm512_mul_pd(a, b); }
+  static STEREOPSIS_INLINE D min(D a, D b) { return _mm512_min_pd(a, b); }
+  static STEREOPSIS_INLINE D abs(D a) { return _mm512_abs_pd(a); }
   // The lanes of the lower, and of the upper, half.
   static STEREOPSIS_INLINE D lower(I v) { return _mm512_cvtepi32_pd(_mm512_castsi512_si256(v)); }
   static STEREOPSIS_INLINE D upper(I v) { return _mm512_cvtepi32_pd(_mm512_extracti64x4_epi64(v, 1)); }
@@ -264,6 +266,8 @@ struct Simd {
   static STEREOPSIS_INLINE D add(D a, D b) { return _mm256_add_pd(a, b); }
   static STEREOPSIS_INLINE D sub(D a, D b) { return _mm256_sub_pd(a, b); }
   static STEREOPSIS_INLINE D mul(D a, D b) { return _mm256_mul_pd(a, b); }
+  static STEREOPSIS_INLINE D min(D a, D b) { return _mm256_min_pd(a, b); }
+  static STEREOPSIS_INLINE D abs(D a) { return _mm256_andnot_pd(set(-0.0), a); }
   static STEREOPSIS_INLINE D lower(I v) { return _mm256_cvtepi32_pd(_mm256_castsi256_si128(v)); }
   static STEREOPSIS_INLINE D upper(I v) { return _mm256_cvtepi32_pd(_mm256_extracti128_si256(v, 1)); }
   static STEREOPSIS_INLINE void store(float* p, D v) { _mm_storeu_ps(p, _mm256_cvtpd_ps(v)); }
@@ -400,6 +404,8 @@ struct Simd {
   static STEREOPSIS_INLINE D add(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] + b.v[i]); }
   static STEREOPSIS_INLINE D sub(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] - b.v[i]); }
   static STEREOPSIS_INLINE D mul(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] * b.v[i]); }
+  static STEREOPSIS_INLINE D min(const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(a.v[i] < b.v[i] ? a.v[i] : b.v[i]); }
+  static STEREOPSIS_INLINE D abs(const D& a) { STEREOPSIS_EACH_DOUBLE(a.v[i] < 0 ? -a.v[i] : a.v[i]); }
   static STEREOPSIS_INLINE D lower(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i])); }
   static STEREOPSIS_INLINE D upper(const I& a) { STEREOPSIS_EACH_DOUBLE(static_cast<double>(a.v[i + lanes / 2])); }
   static STEREOPSIS_INLINE void store(float* p, const D& v) {

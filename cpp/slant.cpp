@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "planar.hpp"
 #include "stages.hpp"
 #include "winners.hpp"
 
@@ -20,47 +21,57 @@ struct Draws {
   }
 };
 
-struct Point {
-  double x, y, d;
-};
-
 double distance(const Plane& p, const Point& at) { return std::fabs(p.at(at.x, at.y) - at.d); }
 
 // The plane through three points; false where they lie too close to a line for its slopes to mean anything.
 bool through(const Point& p, const Point& q, const Point& r, Plane* plane) {
-  const double ux = q.x - p.x, uy = q.y - p.y, ud = q.d - p.d, vx = r.x - p.x, vy = r.y - p.y, vd = r.d - p.d;
+  const double px = p.x, py = p.y, pd = p.d;
+  const double ux = q.x - px, uy = q.y - py, ud = q.d - pd, vx = r.x - px, vy = r.y - py, vd = r.d - pd;
   const double twice_area = ux * vy - uy * vx;
   if (std::fabs(twice_area) < 64) return false;
   plane->a = (ud * vy - uy * vd) / twice_area;
   plane->b = (ux * vd - ud * vx) / twice_area;
-  plane->c = p.d - plane->a * p.x - plane->b * p.y;
+  plane->c = pd - plane->a * px - plane->b * py;
   return true;
 }
 
-// Least squares over the points within `tolerance` of the plane, about their mean, which keeps the sums small.
+// Sums over the sample of what each of `count` planes leaves; all stop early once none of them is below `least`.
+void leave(const std::vector<Point>& sample, const Plane* planes, int count, double tolerance, double least,
+           const PlanarKernel& kernel, double* sums) {
+  constexpr size_t kStretch = 64;
+  PlanesTried tried{};
+  double sum[kSideBySide] = {};
+  for (int i = 0; i < count; ++i) tried.a[i] = planes[i].a, tried.b[i] = planes[i].b, tried.c[i] = planes[i].c;
+  for (size_t from = 0; from < sample.size() && *std::min_element(sum, sum + count) < least; from += kStretch)
+    kernel.leave(sample.data() + from, std::min(kStretch, sample.size() - from), tried, tolerance, sum);
+  std::copy_n(sum, count, sums);
+}
+
+// Least squares over the points within `tolerance` of the plane, about their mean, which keeps the sums small. Others count 0
+// times, as a processor guesses badly which these are.
 void polish(const std::vector<Point>& points, double tolerance, Plane* plane) {
   double n = 0, x = 0, y = 0, d = 0;
-  for (const Point& at : points)
-    if (distance(*plane, at) <= tolerance) {
-      n += 1;
-      x += at.x;
-      y += at.y;
-      d += at.d;
-    }
+  for (const Point& at : points) {
+    const double on = distance(*plane, at) <= tolerance ? 1 : 0;
+    n += on;
+    x += on * at.x;
+    y += on * at.y;
+    d += on * at.d;
+  }
   if (n < 3) return;
   x /= n;
   y /= n;
   d /= n;
   double xx = 0, xy = 0, yy = 0, xd = 0, yd = 0;
-  for (const Point& at : points)
-    if (distance(*plane, at) <= tolerance) {
-      const double u = at.x - x, v = at.y - y, w = at.d - d;
-      xx += u * u;
-      xy += u * v;
-      yy += v * v;
-      xd += u * w;
-      yd += v * w;
-    }
+  for (const Point& at : points) {
+    const double on = distance(*plane, at) <= tolerance ? 1 : 0;
+    const double u = at.x - x, v = at.y - y, w = at.d - d;
+    xx += on * (u * u);
+    xy += on * (u * v);
+    yy += on * (v * v);
+    xd += on * (u * w);
+    yd += on * (v * w);
+  }
   const double determinant = xx * yy - xy * xy;
   if (!(determinant > 1e-9 * xx * yy)) return;
   plane->a = (xd * yy - yd * xy) / determinant;
@@ -81,70 +92,84 @@ constexpr size_t kPolished = 1 << 16;  // places that the least squares look at
 constexpr int kTries = 16;  // places that are tried for one with a value
 
 int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane,
-               const Workers& workers) {
-  int inliers = 0;
-  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
-    const size_t places = static_cast<size_t>(std::max(height - search.top, 0)) * width;
-    const float* const from = disparity + static_cast<size_t>(search.top) * width;
-    const auto point_at = [&](size_t place) -> Point {
-      return {static_cast<double>(place % width), static_cast<double>(search.top + static_cast<int>(place / width)), from[place]};
-    };
-    size_t known = 0;
-    for (size_t place = 0; place < places; ++place) known += from[place] == from[place];
-    if (known < 3) return;
-    // Samples are drawn by their places, so that a pixel more or less changes no more than the trials that meet it. Where few
-    // pixels have a value, places lie closer, and more of them are tried.
-    int sparse = 0;
-    while (sparse < 6 && known << (sparse + 1) <= places) ++sparse;
-    const size_t step = std::max<size_t>(1, (places + search.sample - 1) / search.sample >> sparse);
-    const auto every = [&](size_t apart) {
-      std::vector<Point> points;
-      for (size_t place = 0; place < places; place += apart)
-        if (!std::isnan(from[place])) points.push_back(point_at(place));
-      return points;
-    };
-    const std::vector<Point> sample = every(step);
-
-    Draws draws{1};
-    const size_t choices = (places + step - 1) / step;
-    const auto any = [&]() -> Point {
-      size_t place = 0;
-      for (int tries = 0; tries < kTries << sparse; ++tries) {
-        place = draws.below(choices) * step;
-        if (!std::isnan(from[place])) break;
-      }
-      return point_at(place);
-    };
-    double least = std::numeric_limits<double>::infinity();
-    for (int trial = 0; trial < search.trials && !cancel.load(std::memory_order_relaxed); ++trial) {
-      const Point first = any();
-      const auto another = [&]() -> Point {
-        if (search.radius == 0) return any();
-        const int side = 2 * search.radius + 1;
-        const int x = static_cast<int>(first.x) + draws.below(side) - search.radius;
-        const int y = static_cast<int>(first.y) + draws.below(side) - search.radius;
-        const bool inside = x >= 0 && x < width && y >= search.top && y < height;
-        // A point without a disparity spoils every comparison below, and so the trial.
-        return {static_cast<double>(x), static_cast<double>(y),
-                inside ? disparity[static_cast<size_t>(y) * width + x] : std::numeric_limits<float>::quiet_NaN()};
-      };
-      const Point second = another(), third = another();
-      Plane tried;
-      if (!through(first, second, third, &tried)) continue;
-      if (!(std::fabs(tried.a) <= search.most_a && tried.b >= search.least_b && tried.b <= search.most_b)) continue;
-      double score = 0;
-      for (size_t k = 0; k < sample.size() && score < least; ++k)
-        score += std::min(distance(tried, sample[k]), search.tolerance);
-      if (score < least) {
-        least = score;
-        *plane = tried;
-      }
+               const PlanarKernel& kernel, const Workers& workers) {
+  const size_t places = static_cast<size_t>(std::max(height - search.top, 0)) * width;
+  const float* const from = disparity + static_cast<size_t>(search.top) * width;
+  const auto point_at = [&](size_t place) -> Point {
+    return {static_cast<float>(place % width), static_cast<float>(search.top + static_cast<int>(place / width)), from[place]};
+  };
+  size_t known = 0;
+  for (size_t place = 0; place < places; ++place) known += from[place] == from[place];
+  if (known < 3) return 0;
+  // Samples are drawn by their places, so that a pixel more or less changes no more than the trials that meet it. Where few
+  // pixels have a value, places lie closer, and more of them are tried.
+  int sparse = 0;
+  while (sparse < 6 && known << (sparse + 1) <= places) ++sparse;
+  const size_t step = std::max<size_t>(1, (places + search.sample - 1) / search.sample >> sparse);
+  const auto every = [&](size_t apart) {
+    std::vector<Point> points;
+    points.reserve(std::min(known, places / apart + 1));
+    size_t x = 0;
+    int y = search.top;
+    for (size_t place = 0; place < places; place += apart, x += apart) {
+      for (; x >= static_cast<size_t>(width); x -= width) ++y;
+      if (!std::isnan(from[place])) points.push_back({static_cast<float>(x), static_cast<float>(y), from[place]});
     }
-    if (least == std::numeric_limits<double>::infinity()) return;
-    const std::vector<Point> points = every(std::max<size_t>(1, places / kPolished >> sparse));
-    for (const double reach : {2.0, 1.0, 1.0}) polish(points, reach * search.tolerance, plane);
-    for (size_t place = 0; place < places; ++place) inliers += distance(*plane, point_at(place)) <= search.tolerance;
+    return points;
+  };
+  const std::vector<Point> sample = every(step);
+
+  Draws draws{1};
+  const size_t choices = (places + step - 1) / step;
+  const auto any = [&]() -> Point {
+    size_t place = 0;
+    for (int tries = 0; tries < kTries << sparse; ++tries) {
+      place = draws.below(choices) * step;
+      if (!std::isnan(from[place])) break;
+    }
+    return point_at(place);
+  };
+  std::vector<Plane> tried;
+  for (int trial = 0; trial < search.trials; ++trial) {
+    const Point first = any();
+    const auto another = [&]() -> Point {
+      if (search.radius == 0) return any();
+      const int side = 2 * search.radius + 1;
+      const int x = static_cast<int>(first.x) + draws.below(side) - search.radius;
+      const int y = static_cast<int>(first.y) + draws.below(side) - search.radius;
+      const bool inside = x >= 0 && x < width && y >= search.top && y < height;
+      // A point without a disparity spoils every comparison below, and so the trial.
+      return {static_cast<float>(x), static_cast<float>(y),
+              inside ? disparity[static_cast<size_t>(y) * width + x] : std::numeric_limits<float>::quiet_NaN()};
+    };
+    const Point second = another(), third = another();
+    Plane through_them;
+    if (!through(first, second, third, &through_them)) continue;
+    if (std::fabs(through_them.a) <= search.most_a && through_them.b >= search.least_b && through_them.b <= search.most_b)
+      tried.push_back(through_them);
+  }
+  if (tried.empty()) return 0;
+  // Of equally good ones the first; each thread stops by the best of its own, which changes the time alone.
+  const int count = static_cast<int>(tried.size());
+  std::vector<double> left(tried.size());
+  parallel_rows((count + kSideBySide - 1) / kSideBySide, workers.threads, workers.interrupted,
+                [&](int begin, int end, const Cancel& cancel) {
+    double least = std::numeric_limits<double>::infinity();
+    for (int i = begin * kSideBySide; i < std::min(count, end * kSideBySide) && !cancel.load(std::memory_order_relaxed);
+         i += kSideBySide) {
+      const int some = std::min(kSideBySide, count - i);
+      leave(sample, tried.data() + i, some, search.tolerance, least, kernel, left.data() + i);
+      least = std::min(least, *std::min_element(left.begin() + i, left.begin() + i + some));
+    }
   });
+  *plane = tried[std::min_element(left.begin(), left.end()) - left.begin()];
+  const std::vector<Point> points = every(std::max<size_t>(1, places / kPolished >> sparse));
+  for (const double reach : {2.0, 1.0, 1.0}) polish(points, reach * search.tolerance, plane);
+  int inliers = 0;
+  for (int y = search.top; y < height; ++y) {
+    const float* const row = disparity + static_cast<size_t>(y) * width;
+    for (int x = 0; x < width; ++x) inliers += std::fabs(plane->at(x, y) - row[x]) <= search.tolerance;
+  }
   return inliers;
 }
 

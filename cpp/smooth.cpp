@@ -10,102 +10,19 @@ namespace stereopsis {
 
 namespace {
 
-constexpr int kLines = 16;  // lines solved side by side: a cache line of floats
 constexpr int kCell = 4;    // side of the cells in which slopes are smoothed
 // Of what no data speak; small, but its smoothed traces stay far from denormal numbers.
 constexpr float kUnknown = 1e-6f, kNoRise = 1e-12f;
 constexpr float kSteepest = 1.5f, kSlopeStrength = 300.0f;
 
-// Lines k to k + kLines - 1, sample by sample: rows of the image, or its columns.
-struct Strip {
-  int height, width, first;
-  bool rows;
-  int length() const { return rows ? width : height; }
-  int lines() const { return std::min(kLines, (rows ? height : width) - first); }
-  void load(const float* plane, float* samples) const {
-    const int n = length(), m = lines();
-    if (rows) {
-      for (int k = 0; k < kLines; ++k) {
-        const float* line = plane + static_cast<size_t>(first + std::min(k, m - 1)) * width;
-        for (int i = 0; i < n; ++i) samples[i * kLines + k] = line[i];
-      }
-    } else {
-      for (int i = 0; i < n; ++i) {
-        const float* line = plane + static_cast<size_t>(i) * width + first;
-        for (int k = 0; k < kLines; ++k) samples[i * kLines + k] = line[std::min(k, m - 1)];
-      }
-    }
-  }
-  void store(const float* samples, float* plane) const {
-    const int n = length(), m = lines();
-    for (int k = 0; rows && k < m; ++k)
-      for (int i = 0; i < n; ++i) plane[static_cast<size_t>(first + k) * width + i] = samples[i * kLines + k];
-    for (int i = 0; !rows && i < n; ++i)
-      for (int k = 0; k < m; ++k) plane[static_cast<size_t>(i) * width + first + k] = samples[i * kLines + k];
-  }
-};
-
-// What elimination leaves of the matrix: inverse pivots and the factors of the way back. Only sums of positive terms.
-void eliminate(const float* __restrict edges, int n, float strength, float* __restrict inverse, float* __restrict back) {
-  float left[kLines] = {};
-  for (int i = 0; i < n; ++i)
-    for (int k = 0; k < kLines; ++k) {
-      const float next = i + 1 < n ? strength * edges[i * kLines + k] : 0.0f;
-      const float kept = 1 + left[k], pivot = 1 / (kept + next);
-      inverse[i * kLines + k] = pivot;
-      back[i * kLines + k] = next * pivot;
-      left[k] = next * (kept * pivot);
-    }
-}
-
-void substitute(const float* __restrict edges, const float* __restrict inverse, const float* __restrict back, int n,
-                float strength, float* __restrict samples) {
-  for (int k = 0; k < kLines; ++k) samples[k] *= inverse[k];
-  for (int i = 1; i < n; ++i)
-    for (int k = 0; k < kLines; ++k) {
-      const int at = i * kLines + k;
-      samples[at] = (samples[at] + strength * edges[at - kLines] * samples[at - kLines]) * inverse[at];
-    }
-  for (int i = n - 2; i >= 0; --i)
-    for (int k = 0; k < kLines; ++k) samples[i * kLines + k] += back[i * kLines + k] * samples[(i + 1) * kLines + k];
-}
-
 void smooth_lines(const std::vector<Weighed>& fields, const float* slopes, int height, int width, const float* edges, bool rows,
-                  float strength, const Workers& workers) {
+                  float strength, SmoothKernel kernel, const Workers& workers) {
   const int count = rows ? height : width, n = rows ? width : height;
   parallel_rows((count + kLines - 1) / kLines, workers.threads, workers.interrupted,
                 [&](int begin, int end, const Cancel& cancel) {
-    const size_t size = static_cast<size_t>(n) * kLines;
-    std::vector<float> memory(6 * size);
-    float *edge = memory.data(), *inverse = edge + size, *back = inverse + size, *value = back + size, *weight = value + size,
-          *rise = weight + size;
-    for (int strip = begin; strip < end && !cancel.load(std::memory_order_relaxed); ++strip) {
-      const Strip lines{height, width, strip * kLines, rows};
-      lines.load(edges, edge);
-      eliminate(edge, n, strength, inverse, back);
-      if (slopes) {
-        lines.load(slopes, rise);
-        float height_of[kLines] = {};
-        for (int i = 0; i < n; ++i)
-          for (int k = 0; k < kLines; ++k) {
-            const float step = rise[i * kLines + k];
-            rise[i * kLines + k] = height_of[k];
-            height_of[k] += step;
-          }
-      }
-      for (const Weighed& field : fields) {
-        lines.load(field.value, value);
-        lines.load(field.weight, weight);
-        for (size_t i = 0; slopes && i < size; ++i) value[i] -= rise[i];
-        for (size_t i = 0; i < size; ++i) value[i] *= weight[i];
-        substitute(edge, inverse, back, n, strength, value);
-        substitute(edge, inverse, back, n, strength, weight);
-        for (size_t i = 0; i < size; ++i) value[i] /= weight[i];
-        for (size_t i = 0; slopes && i < size; ++i) value[i] += rise[i];
-        lines.store(value, field.value);
-        lines.store(weight, field.weight);
-      }
-    }
+    std::vector<float> memory(6 * static_cast<size_t>(n) * kLines);
+    for (int strip = begin; strip < end && !cancel.load(std::memory_order_relaxed); ++strip)
+      kernel({height, width, strip * kLines, rows, fields.data(), static_cast<int>(fields.size()), slopes, edges, strength}, memory.data());
   });
 }
 
@@ -164,16 +81,16 @@ EdgeWeights edge_weights(const int32_t* guide, int height, int width, int channe
 }
 
 void smooth(const std::vector<Weighed>& fields, const Slopes* slopes, int height, int width, const EdgeWeights& edges,
-            float strength, int iterations, const Workers& workers) {
+            float strength, int iterations, SmoothKernel kernel, const Workers& workers) {
   for (int t = 0; t < iterations; ++t) {
     const float share = static_cast<float>(1.5 * std::pow(4.0, iterations - 1 - t) / (std::pow(4.0, iterations) - 1)) * strength;
-    smooth_lines(fields, slopes ? slopes->right : nullptr, height, width, edges.right.data(), true, share, workers);
-    smooth_lines(fields, slopes ? slopes->down : nullptr, height, width, edges.down.data(), false, share, workers);
+    smooth_lines(fields, slopes ? slopes->right : nullptr, height, width, edges.right.data(), true, share, kernel, workers);
+    smooth_lines(fields, slopes ? slopes->down : nullptr, height, width, edges.down.data(), false, share, kernel, workers);
   }
 }
 
 SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int height, int width, int channels, const float* table,
-                         int length, const Workers& workers) {
+                         int length, SmoothKernel kernel, const Workers& workers) {
   const int high = (height + kCell - 1) / kCell, wide = (width + kCell - 1) / kCell;
   const size_t cells = static_cast<size_t>(high) * wide;
   std::vector<int32_t> mean(cells * channels);
@@ -198,7 +115,7 @@ SlopeMaps surface_slopes(const float* disparity, const int32_t* guide, int heigh
   }
   const EdgeWeights edges = edge_weights(mean.data(), high, wide, channels, table, length, workers);
   smooth({{rise[0].data(), weight[0].data()}, {rise[1].data(), weight[1].data()}}, nullptr, high, wide, edges, kSlopeStrength, 2,
-         workers);
+         kernel, workers);
   SlopeMaps slopes{std::vector<float>(static_cast<size_t>(height) * width), std::vector<float>(static_cast<size_t>(height) * width)};
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {

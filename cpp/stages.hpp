@@ -152,7 +152,9 @@ struct PlaneSearch {
   int trials, sample;
 };
 // The plane that most pixels of a map lie on (RANSAC, then least squares), and how many; 0 where there is none.
-int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const Workers& workers);
+struct PlanarKernel;
+int find_plane(const float* disparity, int height, int width, const PlaneSearch& search, Plane* plane, const PlanarKernel& kernel,
+               const Workers& workers);
 // The right image at (x - surface(x, y), y) for x from -margin to width + margin - 1, by cubic convolution.
 template <class T>
 void warp(const T* image, int height, int width, int channels, const Surface& surface, int margin, T lowest, T highest, T* warped,
@@ -230,6 +232,20 @@ void refuse_speckle(int height, int width, int area, float difference, const Ref
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);
 // Numbers the 4-connected regions of `inside` 1, 2, ... in the order of their first pixels; 0 outside. Returns how many.
 int label(const uint8_t* inside, int height, int width, int32_t* region, const Workers& workers);
+// NaN and 0 where there is a flag, else the map and its confidence.
+void accept(const float* disparity, const float* confidence, const uint8_t* flags, int height, int width, float* accepted,
+            float* trust, const Workers& workers);
+// Keeps a map within [least, most], and judges by it what was matched: with a winner less than `near` from it, flags are taken
+// back where all of them are `revocable`; with none so near, a pixel without a flag gets `wrong`. Then accepts the rest.
+struct Evidence {
+  const float *winners, *confidence;  // no winners: flags stay as they are
+};
+struct Verdict {
+  float least, most, near;
+  uint8_t revocable, wrong;
+};
+void judge(const Evidence& seen, const Verdict& verdict, int height, int width, float* smooth, uint8_t* flags, float* accepted,
+           float* trust, const Workers& workers);
 
 // ---- refine ----------------------------------------------------------------------------------------------------------
 // Median over a size x size window of the pixels that have a value; pixels without one stay without. `filtered` may be the map.
@@ -241,6 +257,9 @@ void median(const float* disparity, int height, int width, int size, float* filt
 struct PlanarKernel;
 void planar(const float* disparity, int height, int width, const Window& window, float tolerance, int iterations, float* smooth,
             const PlanarKernel& kernel, const Workers& workers);
+// See smooth.hpp.
+struct Strip;
+using SmoothKernel = void (*)(const Strip& strip, float* memory);
 // A guide image of int32 pixels (H, W, channels), and how alike two pixels are by the largest difference k of their channels:
 // fine[k] where disparities are smoothed, coarse[k] where slopes are; the last of `length` entries for all beyond.
 struct SurfaceGuide {
@@ -249,6 +268,7 @@ struct SurfaceGuide {
   const float *fine, *coarse;
   int length;
   float strength;
+  SmoothKernel kernel;
 };
 // Median over a size x size window, size up to 11, of those pixels that have a value, each weighted by how much it looks like
 // the middle one: ((255 - slope difference / 16)+)^2 / 256, at least 1. Values count in steps of 2^-k, the finest in which the
@@ -303,9 +323,11 @@ void interpolate(const float* disparity, const uint8_t* occluded, int height, in
 // Surfaces go on into holes: what surrounds a hole, smoothed along the guide's edges, where it agrees; else the lower side.
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers);
+// Of what is doubtful the greater of `disparity` and `again`, the latter kept between the ends of the hole on its row.
+void nearer(const float* disparity, const uint8_t* doubtful, const float* again, int height, int width, float* found, const Workers& workers);
 // What is doubtful beside a jump goes to the nearer surface where more of what looks like it, and is not doubtful, lies on it.
-// `alike`: the weight of a vote by the difference of grey levels, 256 of them.
-void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, const int32_t* alike, int height, int width,
-              float* moved, const Workers& workers);
+// `alike`: the weight of a vote by the largest difference of the image's channels, 256 of them.
+void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, int channels, const int32_t* alike, int height,
+              int width, float* moved, const Workers& workers);
 
 }  // namespace stereopsis

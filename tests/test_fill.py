@@ -185,20 +185,59 @@ def test_a_slanted_surface_has_no_outline():
     np.testing.assert_array_equal(fill.outlines(disparity, doubtful, np.zeros((40, 30), np.uint8)), disparity)
 
 
+def test_outlines_see_colours():
+    """The surfaces are told apart by one channel alone, which hardly changes the grey level."""
+    image = np.full((30, 40, 3), 100, np.uint8)
+    image[:, 15:, 2] = 200
+    disparity = np.where(image[..., 2] == 200, np.float32(30), np.float32(5))
+    doubtful = np.zeros(disparity.shape, bool)
+    doubtful[:, 13:17] = True
+    disparity[doubtful] = 5
+    expected = disparity.copy()
+    expected[:, 15:17] = 30
+    np.testing.assert_array_equal(fill.outlines(disparity, doubtful, image), expected)
+
+
+def test_the_nearer_filling_stands_between_the_ends_of_its_hole():
+    disparity = np.array([[9, 2, 2, 2, 2, 5, 3, 1], [1, 2, 3, 4, 5, 6, 7, 8]], np.float32)
+    doubtful = np.array([[0, 1, 1, 1, 1, 0, 1, 1], [1, 1, 1, 1, 1, 1, 1, 1]], bool)
+    again = np.array([[0, 12, 7, 4, N, 0, 9, 4], [9, 9, 9, 9, 9, 9, 9, 9]], np.float32)
+    expected = np.array([[9, 9, 7, 5, 2, 5, 5, 5], [1, 2, 3, 4, 5, 6, 7, 8]], np.float32)
+    np.testing.assert_array_equal(fill.nearer(disparity, doubtful, again), expected)
+
+
+@given(
+    shape=st.tuples(st.integers(1, 4), st.integers(1, 12)),
+    share=st.sampled_from([0.3, 0.8, 1]),
+    threads=st.sampled_from([1, 3]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_nearer_is_its_definition(shape, share, threads, seed):
+    random = np.random.default_rng(seed)
+    disparity, again = (random.integers(-9, 9, shape).astype(np.float32) / 2 for _ in range(2))
+    for values in (disparity, again):
+        values[random.random(shape) < 0.2] = N
+    doubtful = random.random(shape) < share
+    found = fill.nearer(disparity, doubtful, again, threads)
+    np.testing.assert_array_equal(found, reference.nearer(disparity, doubtful, again))
+
+
 @given(
     shape=st.tuples(st.integers(1, 20), st.integers(1, 30)),
+    channels=st.sampled_from([(), (1,), (3,)]),
     far=st.sampled_from([3, 30]),
     share=st.sampled_from([0.1, 0.5, 0.9]),
     threads=st.sampled_from([1, 3]),
     seed=st.integers(0, 2**32),
 )
 @settings(max_examples=60, deadline=None)
-def test_outlines_is_its_definition(shape, far, share, threads, seed):
+def test_outlines_is_its_definition(shape, channels, far, share, threads, seed):
     random = np.random.default_rng(seed)
     blocks = random.integers(0, far, (5, 8)).repeat(4, axis=0).repeat(4, axis=1)[: shape[0], : shape[1]]
     disparity = (blocks + random.integers(0, 4, shape) / 4).astype(np.float32)
     disparity[random.random(shape) < 0.1] = np.nan
     doubtful = random.random(shape) < share
-    image = random.integers(0, 60, shape, np.uint8)
+    image = random.integers(0, 60, (*shape, *channels), np.uint8)
     found = fill.outlines(disparity, doubtful, image, threads)
     np.testing.assert_array_equal(found, reference.outlines(disparity, doubtful, image))

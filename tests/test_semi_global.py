@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import stereopsis as st
-from stereopsis import SGM, Census, Flag, slant
+from stereopsis import SGM, Census, Flag, cost, fill, slant
 
 CENSUS = Census((9, 7), aggregation=3)
 SMOOTH = SGM(p1=120, p2=950, p2_min=216, contrast=20, unit=8)
@@ -82,6 +82,24 @@ def test_doubtful_answers_are_refused(street):
     filled = matched(street, **chosen, least_confidence=0.9, fill="background")
     assert np.isfinite(filled.disparity).all()
     assert (filled.flags & Flag.FILLED != 0)[filled.confidence < 0.9].all()
+
+
+@pytest.mark.parametrize("rule", ["background", "interpolate", "surfaces"])
+def test_what_is_doubtful_is_filled_once_more(street, rule):
+    chosen = {"confidence": "calibrated", "fill": rule}
+    once, again = matched(street, **chosen), matched(street, **chosen, least_confidence=0.9)
+    doubtful = (once.flags & Flag.FILLED != 0) | (once.confidence < 0.9)
+    np.testing.assert_array_equal(again.flags & Flag.FILLED != 0, doubtful)
+    trusted = np.where(doubtful, np.float32(np.nan), once.disparity)
+    grey = cost.pixels(street.left, street.right, "grey", 1).left
+    refilled = {
+        "background": lambda: fill.background(trusted),
+        "interpolate": lambda: fill.interpolate(trusted, again.flags),
+        "surfaces": lambda: fill.surfaces(trusted, again.flags, grey),
+    }[rule]()
+    expected = fill.nearer(once.disparity, doubtful, refilled)
+    assert (expected > once.disparity).any()
+    np.testing.assert_array_equal(again.disparity, expected)
 
 
 def test_what_lies_beside_the_right_image_is_out_of_view():

@@ -113,15 +113,16 @@ def test_large_maps_are_thinned():
     radius=some.sampled_from([0, 1, 4, 15]),
     slopes=some.sampled_from([(0.5, -1.0, 2.0), (0.2, 0.02, 2.0), (9.0, -9.0, 9.0)]),
     sample=some.sampled_from([1, 7, 50, 1000]),
+    threads=some.sampled_from([1, 3]),
     seed=SEEDS,
 )
 @settings(max_examples=60, deadline=None)
-def test_planes_of_any_map(shape, top, radius, slopes, sample, seed):
+def test_planes_of_any_map(shape, top, radius, slopes, sample, threads, seed):
     rng = np.random.default_rng(seed)
     map = ramp(Plane(*rng.uniform(-1, 1, 3)), shape) + rng.choice([0, 0, 0, 5, 0.4, N], shape)
     map = map.astype(np.float32)
     found = np.zeros(3)
-    inliers = _core.find_plane(map, top, radius, *slopes, 0.5, 40, sample, found)
+    inliers = _core.find_plane(map, top, radius, *slopes, 0.5, 40, sample, found, threads, "")
     plane, expected = reference.find_plane(map, top, radius, *slopes, 0.5, 40, sample)
     # A residual that rounding moves over the tolerance may be counted by one and not by the other.
     assert inliers == pytest.approx(expected, abs=1)

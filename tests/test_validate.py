@@ -6,6 +6,7 @@ from hypothesis import strategies as some
 from reference import select as winners
 from reference import validate as reference
 from stereopsis import Flag, _core, _instructions, select, validate
+from stereopsis.types import Disparities
 
 N = np.nan
 SEEDS = some.integers(0, 2**32)
@@ -240,3 +241,50 @@ def test_speckle_of_any_map(instructions, shape, area, difference, seed):
         validate.refuse_speckle(disparity, area, difference, confidence, flags)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+# ---- what is accepted ----------------------------------------------------------------------------
+
+
+def test_accepted_by_hand():
+    disparity, confidence = np.array([[1.5, 2, N]], np.float32), np.array([[0.5, 0.25, 0]], np.float32)
+    accepted = validate.accepted(disparity, confidence, np.array([[0, 1, 0]], np.uint8))
+    np.testing.assert_array_equal(accepted[0], [[1.5, N, N]])
+    np.testing.assert_array_equal(accepted[1], [[0.5, 0, 0]])
+
+
+def test_judged_by_hand():
+    smooth = np.array([[-1, 4, 4, 4, 4, 9]], np.float32)
+    winners = np.array([[0, 6.5, 7, N, 4, 9]], np.float32)
+    flags = np.array([[0, Flag.OCCLUDED | Flag.SPECKLE, 0, 0, Flag.SKY, Flag.AMBIGUOUS]], np.uint8)
+    confidence = np.full((1, 6), 0.5, np.float32)
+    disparity, trust = validate.judged(smooth, winners, confidence, flags, Disparities(0, 8))
+    np.testing.assert_array_equal(smooth, [[0, 4, 4, 4, 4, 7]])
+    np.testing.assert_array_equal(flags, [[0, 0, Flag.MISMATCHED, Flag.MISMATCHED, Flag.SKY, 0]])
+    np.testing.assert_array_equal(disparity, [[0, 4, N, N, N, 7]])
+    np.testing.assert_array_equal(trust, [[0.5, 0.5, 0, 0, 0, 0.5]])
+
+
+@given(
+    shape=some.tuples(some.integers(1, 7), some.integers(1, 40)),
+    told=some.booleans(),
+    threads=some.sampled_from([1, 3]),
+    seed=SEEDS,
+)
+@settings(max_examples=60, deadline=None)
+def test_judged_of_any_map(shape, told, threads, seed):
+    rng = np.random.default_rng(seed)
+    smooth, winners = (
+        np.where(rng.random(shape) < 0.1, N, rng.integers(-8, 12, shape) / 2).astype(np.float32)
+        for _ in range(2)
+    )
+    flags = rng.choice(np.array([0, 0, 1, 2, 5, 8, 16, 33, 64, 72, 255], np.uint8), shape)
+    confidence = rng.random(shape[::-1]).astype(np.float32).T
+    given = winners if told else None
+    expected = reference.judged(smooth, given, confidence, flags, -2, 3)
+    answers = validate.judged(smooth, given, confidence, flags, Disparities(-2, 4), threads)
+    for found, wanted in zip((smooth, flags, *answers), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    again = validate.accepted(smooth, np.ascontiguousarray(confidence), flags, threads)
+    for found, wanted in zip(again, answers, strict=True):
+        np.testing.assert_array_equal(found, wanted)

@@ -21,6 +21,7 @@
 #include "../planes.hpp"
 #include "../rows.hpp"
 #include "../sgm.hpp"
+#include "../smooth.hpp"
 #include "../stages.hpp"
 
 using namespace stereopsis;
@@ -891,17 +892,15 @@ void test_after_the_checks() {
     for (int k = 0; k < 200; ++k) fine[k] = std::max(1e-6f, std::exp(-k / 3.0f)), coarse[k] = std::exp(-k / 20.0f);
     for (int k = 0; k < 257; ++k) logistic[k] = static_cast<float>(k) / 256;
     for (auto& weight : weights) weight = static_cast<float>(random.between(-4, 4));
-    std::vector<uint8_t> grey;
-    for (int k = 0; k < size; ++k) grey.push_back(bytes[k * channels]);
     std::vector<int32_t> alike(256);
     for (int k = 0; k < 256; ++k) alike[k] = 255 - k;
-    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600))};
+    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600)), choose_smoothing("")};
     const LogisticModel model{weights.data(), weights.data(), logistic.data()};
     const int side = 2 * random.below(6) + 1, slope = random.between(0, 4080), iterations = random.between(1, 3);
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(6, std::vector<float>(size));
+      std::vector<std::vector<float>> found(7, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -911,7 +910,8 @@ void test_after_the_checks() {
         if (std::isnan(value)) value = 0;
       const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
       probability(answers, model, found[4].data(), workers);
-      outlines(map.data(), occluded.data(), grey.data(), alike.data(), H, W, found[5].data(), workers);
+      outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
+      nearer(map.data(), occluded.data(), found[3].data(), H, W, found[6].data(), workers);
       bool right = true, any = false;
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {
@@ -922,6 +922,7 @@ void test_after_the_checks() {
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
         right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
       }
+      for (int k = 0; k < size; ++k) right = right && std::isnan(found[6][k]) == std::isnan(map[k]) && !(found[6][k] < map[k]) && (occluded[k] || !(found[6][k] > map[k]));
       CHECK(right, text(H) + "x" + text(W) + " threads " + text(threads));
       if (first.empty()) first = found;
       for (size_t k = 0; k < found.size(); ++k)
@@ -1003,9 +1004,17 @@ void test_planes() {
             random.below(5) ? static_cast<float>(plane.at(x, y)) : random.below(2) ? std::nanf("") : 99.0f;
     Plane found{};
     const PlaneSearch search{top, round % 2 ? 0 : 12, 0.5, 0, 1, 0.5, 200, round % 3 ? 50 : 5000};
-    const int inliers = find_plane(disparity.data(), H, W, search, &found, kAlone);
+    const int inliers = find_plane(disparity.data(), H, W, search, &found, choose_planar("generic"), kAlone);
     const std::string told = text(H) + "x" + text(W);
     CHECK(inliers <= H * W, told);
+    for (const FusedKernel* kernel : available_kernels())
+      for (const int threads : {1, 2, 7}) {
+        Plane again{};
+        const int counted =
+            find_plane(disparity.data(), H, W, search, &again, choose_planar(kernel->name), {threads, [] { return false; }});
+        CHECK(counted == inliers && again.a == found.a && again.b == found.b && again.c == found.c,
+              told + " " + kernel->name + " on " + text(threads));
+      }
     if (H >= 20 && W >= 20)
       CHECK(std::fabs(found.a - plane.a) < 1e-6 && std::fabs(found.b - plane.b) < 1e-6 && std::fabs(found.c - plane.c) < 1e-4,
             told);

@@ -248,6 +248,8 @@ def find_plane(
     trials: int,
     sample: int,
     found: npt.NDArray[np.float64],
+    threads: int,
+    instructions: str,
     /,
 ) -> int: ...
 @overload
@@ -424,6 +426,24 @@ def refuse_speckle(
 ) -> None: ...
 def flood(relief: _U8, out: _U8, /) -> None: ...
 def label(inside: _U8, out: _I32, /) -> int: ...
+def accept(
+    disparity: _F32, confidence: _F32, flags: _U8, accepted: _F32, trust: _F32, threads: int, /
+) -> None: ...
+def judge(
+    winners: _F32 | None,
+    confidence: _F32,
+    least: float,
+    most: float,
+    near: float,
+    revocable: int,
+    wrong: int,
+    smooth: _F32,
+    flags: _U8,
+    accepted: _F32,
+    trust: _F32,
+    threads: int,
+    /,
+) -> None: ...
 def median(disparity: _F32, size: int, out: _F32, threads: int, instructions: str, /) -> None: ...
 def planar(
     disparity: _F32,
@@ -440,7 +460,15 @@ def weighted_median(
     disparity: _F32, guide: _U8, size: int, slope: int, out: _F32, threads: int, /
 ) -> None: ...
 def edge_aware(
-    disparity: _F32, guide: _I32, tables: _F32, strength: float, iterations: int, out: _F32, threads: int, /
+    disparity: _F32,
+    guide: _I32,
+    tables: _F32,
+    strength: float,
+    iterations: int,
+    out: _F32,
+    threads: int,
+    instructions: str,
+    /,
 ) -> None: ...
 def probability(
     surface: _F32,
@@ -469,8 +497,10 @@ def fill_surfaces(
     most: float,
     out: _F32,
     threads: int,
+    instructions: str,
     /,
 ) -> None: ...
+def nearer(disparity: _F32, doubtful: _U8, again: _F32, out: _F32, threads: int, /) -> None: ...
 def outlines(disparity: _F32, doubtful: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /) -> None: ...
 def align(
     left: _I32,

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.smooth import FILL_STRENGTH, edge_tables, guide_of
 from stereopsis.types import WHOLE, DisparityMap, Flag, Halo
 
@@ -152,8 +152,43 @@ def surfaces(
         float(most),
         filled,
         threads,
+        _instructions.forced(),
     )
     return filled
+
+
+def nearer(
+    disparity: DisparityMap,
+    doubtful: npt.NDArray[np.bool_] | npt.NDArray[np.uint8],
+    again: DisparityMap,
+    threads: int = 0,
+) -> DisparityMap:
+    """Of two fillings the nearer, though the second only as far as the ends of the hole on its row allow.
+
+    Holes are mostly filled too far: what is behind is what their rules continue, and what passed a check by
+    accident. On each run of doubtful pixels on a row the second filling is kept between the disparities of
+    its two ends, or to that of its one; where it is nearer than the first one then, it stands. A row without
+    any other pixel stays as it is.
+
+    Parameters
+    ----------
+    disparity : ndarray of float32, (H, W)
+        As it was filled first, in pixels; NaN where there is none. Not changed.
+    doubtful : ndarray of bool or uint8, (H, W)
+        What was filled; not 0 where so.
+    again : ndarray of float32, (H, W)
+        As it is filled from what is not doubtful; NaN where that was of no avail.
+    threads : int
+        0: all cores.
+
+    Returns
+    -------
+    ndarray of float32, (H, W)
+    """
+    found = np.empty(disparity.shape, np.float32)
+    doubted = np.ascontiguousarray(doubtful, np.uint8)
+    _core.nearer(np.ascontiguousarray(disparity), doubted, np.ascontiguousarray(again), found, threads)
+    return found
 
 
 ALIKE = np.rint(4096 * np.exp(np.arange(256) / -12)).astype(np.int32)
@@ -175,7 +210,8 @@ def outlines(
     4 pixels of disparity. Let :math:`n` and :math:`f` be the greatest and the least disparity within 3
     pixels. Of the pixels that are not doubtful, every fourth of every fourth row up to 12 pixels off, those
     within :math:`(n - f) / 3` of :math:`n` vote for :math:`n`, and those as near to :math:`f` for :math:`f`,
-    with weights :math:`\exp(-|\Delta I| / 12)`, in 4096ths, akin to [1]_. Where more weight is for
+    with weights :math:`\exp(-\max |\Delta I| / 12)`, in 4096ths, the largest difference of the channels, akin
+    to [1]_. Where more weight is for
     :math:`n` the pixel becomes :math:`n`; else it stays.
 
     Parameters
@@ -184,8 +220,8 @@ def outlines(
         Disparity in pixels; NaN where there is none. Not changed.
     doubtful : ndarray of bool or uint8, (H, W)
         What may change, and has no vote; not 0 where so.
-    image : ndarray of uint8, (H, W)
-        The left image's grey levels :math:`I`.
+    image : ndarray of uint8, (H, W) or (H, W, C)
+        The left image :math:`I`.
     threads : int
         0: all cores.
 
@@ -202,7 +238,7 @@ def outlines(
     _core.outlines(
         np.ascontiguousarray(disparity),
         np.ascontiguousarray(doubtful, np.uint8),
-        np.ascontiguousarray(image),
+        np.ascontiguousarray(image if image.ndim == 3 else image[..., np.newaxis]),
         ALIKE,
         moved,
         threads,

@@ -64,12 +64,6 @@ FROM_IMAGES = frozenset({"symmetric", "correlation", "lucas-kanade", "lucas-kana
 """Sub-pixel methods that need the images, not the costs."""
 
 
-AGREEMENT = 3.0
-"""How near the plane of its surroundings a winner has to lie to agree with them, in pixels."""
-REVOCABLE = np.uint8(Flag.OCCLUDED | Flag.MISMATCHED | Flag.AMBIGUOUS | Flag.SPECKLE)
-"""What is said of winners that their surroundings may speak for."""
-
-
 class _Unset:
     def __repr__(self) -> str:
         return "<as the preset has it>"
@@ -339,7 +333,7 @@ def _match(
     if chosen.planes is not None:
         with _timed(timings, "segments"):
             bounds = chosen.disparities.min, chosen.disparities.max - 1
-            ground = slant.road(disparity, slant.FIRST_WINDOW)
+            ground = slant.road(disparity, slant.FIRST_WINDOW, threads=chosen.threads)
             segments = planes.refine(pair.left, disparity, bounds, threads=chosen.threads, ground=ground)
             beneath = segments.disparity
             disparity = np.where(np.isnan(disparity), np.float32(np.nan), beneath)
@@ -349,9 +343,10 @@ def _match(
     whole = disparity
     if chosen.planar is not None:
         with _timed(timings, "planar"):
-            whole = _planar(disparity, pixels, chosen, flags, beneath, own)
-            disparity = np.where(flags == 0, whole, np.float32(np.nan))
-            confidence = np.where(flags == 0, stages.pop("sharpness", confidence), np.float32(0))
+            whole = _planar(disparity, pixels, chosen, flags, beneath)
+            sharpness = stages.pop("sharpness", confidence)
+            judged = whole, own, sharpness, flags, chosen.disparities, chosen.threads
+            disparity, confidence = validate.judged(*judged)
     elif chosen.fill is not None:
         with _timed(timings, "fill"):
             whole = _filled(chosen.fill, disparity, flags, pixels, beneath, chosen.threads)
@@ -380,11 +375,18 @@ def _match(
             )
     if chosen.least_confidence is not None:
         doubtful = ~holes & (confidence < chosen.least_confidence)
-        _doubt(doubtful, chosen.fill, disparity, confidence, flags)
+        if chosen.fill is None:
+            _refuse(doubtful, Flag.MISMATCHED, disparity, confidence, flags)
+        else:
+            with _timed(timings, "refill"):
+                flags |= doubtful * np.uint8(Flag.MISMATCHED | Flag.FILLED)
+                disparity = _refilled(disparity, flags, pixels, chosen, beneath)
     if chosen.outlines:
         with _timed(timings, "outlines"):
             filled = flags & np.uint8(Flag.FILLED)
-            disparity = fill.outlines(disparity, filled, _fused.guide_of(pixels), chosen.threads)
+            disparity = fill.outlines(disparity, filled, _seen(pair, pixels), chosen.threads)
+            if chosen.median is not None:
+                disparity = refine.median(disparity, chosen.median, chosen.threads)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
@@ -407,21 +409,31 @@ def _filled(
         case "surfaces":
             return fill.surfaces(disparity, flags, pixels.left, pixels.level, threads)
         case _:
-            return fill.background(disparity)
+            return fill.background(disparity, threads)
 
 
-def _doubt(
-    doubtful: npt.NDArray[np.bool_],
-    fill: str | None,
+def _refilled(
     disparity: DisparityMap,
-    confidence: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
-) -> None:
-    """Refuse what is doubtful; where holes are filled the answer stays, as one that was filled."""
-    if fill is None:
-        _refuse(doubtful, Flag.MISMATCHED, disparity, confidence, flags)
-    else:
-        flags |= doubtful * np.uint8(Flag.MISMATCHED | Flag.FILLED)
+    pixels: cost.Pixels,
+    chosen: Settings,
+    beneath: DisparityMap | None,
+) -> DisparityMap:
+    """What counts as filled, filled once more from the rest; the nearer answer stands."""
+    filled, bounds = flags & np.uint8(Flag.FILLED) > 0, cast(Disparities, chosen.disparities)
+    trusted = np.where(filled, np.float32(np.nan), disparity)
+    again = _filled(cast(str, chosen.fill), trusted, flags, pixels, beneath, chosen.threads)
+    found = fill.nearer(disparity, filled, again, chosen.threads)
+    if chosen.planar is not None:
+        smooth = refine.planar(found, window_size(chosen.planar), chosen.threads)
+        np.copyto(found, smooth, where=filled)
+        np.clip(found, bounds.min, bounds.max - 1, out=found)
+    return found
+
+
+def _seen(pair: Pair, pixels: cost.Pixels) -> npt.NDArray[np.uint8]:
+    """The left image in bytes: in colour, if it is one of them."""
+    return pair.left if pair.left.dtype == np.uint8 and pair.left.ndim == 3 else _fused.guide_of(pixels)
 
 
 def _calibrated(
@@ -437,7 +449,7 @@ def _calibrated(
     # its background lies farther off than a part of the image reaches.
     holes, surface = np.isnan(disparity), disparity
     if holes.any():
-        surface = np.nan_to_num(fill.background(disparity))
+        surface = np.nan_to_num(fill.background(disparity, chosen.threads))
         surface[holes.all(axis=1)] = 0
     guide = _fused.guide_of(pixels)[..., None]
     texture = validate.texture(guide, confidence.TEXTURE_WINDOW, chosen.threads)
@@ -492,7 +504,10 @@ def _semi_global(
     ground, plane = next(iter(_told(frame)), None), np.zeros((height, width), np.uint8)
     if chosen.slant is not None and (frame is None or frame.planes is None):
         with _timed(timings, "planes"):
-            ground = slant.road(np.where(flags == 0, disparity, np.float32(np.nan)), census.size)
+            step = slant.thinning(disparity.size)
+            few = np.s_[::step, ::step]
+            reliable = np.where(flags[few] == 0, disparity[few], np.float32(np.nan))
+            ground = slant.road(reliable, census.size, step, chosen.threads)
     if ground is not None:
         with _timed(timings, "match along the ground"):
             # Above the horizon this pass would be the first one again.
@@ -527,9 +542,8 @@ def _semi_global(
         stages["planes"] = np.array([] if ground is None else [ground], np.float64).reshape(-1, 3)
         stages["plane"] = plane
     if chosen.planar is not None:
-        stages["winners"], stages["sharpness"] = disparity.copy(), confidence.copy()
-    _refuse(flags != 0, Flag(0), disparity, confidence, flags)
-    return disparity, confidence, flags
+        stages["winners"], stages["sharpness"] = disparity, confidence
+    return *validate.accepted(disparity, confidence, flags, chosen.threads), flags
 
 
 def _planar(
@@ -538,25 +552,17 @@ def _planar(
     chosen: Settings,
     flags: npt.NDArray[np.uint8],
     beneath: DisparityMap | None,
-    winners: DisparityMap | None,
 ) -> DisparityMap:
-    """Fill the holes, draw all to the planes that they lie on, and judge the winners by these planes.
+    """Fill the holes, and draw all to the planes that they lie on.
 
-    A pixel keeps its answer where its own winner lies near the plane, and only there: so one that failed a
-    check of left against right gets it back where its surroundings agree. The flags are changed to say so.
+    A pixel then keeps its answer where its own winner lies near the plane, and only there: so one that failed
+    a check of left against right gets it back where its surroundings agree.
     """
     how = "background" if chosen.fill is None else chosen.fill
     whole = _filled(how, disparity, flags, pixels, beneath, chosen.threads)
     if chosen.median is not None:
         whole = refine.median(whole, chosen.median, chosen.threads)
-    smooth = refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
-    bounds = cast(Disparities, chosen.disparities)
-    np.clip(smooth, bounds.min, bounds.max - 1, out=smooth)
-    if winners is not None:
-        near = np.abs(winners - smooth) < AGREEMENT
-        np.copyto(flags, np.uint8(0), where=near & (flags & ~REVOCABLE == 0))
-        np.copyto(flags, np.uint8(Flag.MISMATCHED), where=~near & (flags == 0))
-    return smooth
+    return refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
 
 
 def _fit(subpixel: str | None) -> str | None:
@@ -925,8 +931,8 @@ def _planes(pixels: cost.Pixels, chosen: Settings, seen: Disparities) -> list[sl
         _kind(chosen), pixels, seen, slant.FIRST_WINDOW, _fit(chosen.subpixel), 1.0, 5.0, chosen.threads
     )
     if chosen.slant == "planes":
-        return slant.planes(first, chosen.cost.size)
-    ground = slant.road(first, chosen.cost.size)
+        return slant.planes(first, chosen.cost.size, threads=chosen.threads)
+    ground = slant.road(first, chosen.cost.size, threads=chosen.threads)
     return [] if ground is None else [ground]
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core
+from stereopsis import _core, _instructions
 from stereopsis.types import Disparities, DisparityMap, Flag, Halo, Image
 
 FIRST_WINDOW = (25, 9)
@@ -75,7 +75,9 @@ LEVEL = Plane(0.0, 0.0, 0.0)
 """No warp: fronto-parallel windows, as matching without slant has them."""
 
 
-def road(disparity: DisparityMap, window: tuple[int, int], step: int | None = None) -> Plane | None:
+def road(
+    disparity: DisparityMap, window: tuple[int, int], step: int | None = None, threads: int = 0
+) -> Plane | None:
     """Fit the ground to a first disparity map, of which only reliable pixels have a value.
 
     Random sample consensus [1]_ over the lower six tenths of the map: of 512 planes through three points, the
@@ -91,6 +93,8 @@ def road(disparity: DisparityMap, window: tuple[int, int], step: int | None = No
         The support window, in pixels.
     step : int, optional
         The map is thinned already: it holds every so many-th row and column.
+    threads : int
+        0: all cores. Never changes the answer.
 
     Returns
     -------
@@ -106,12 +110,16 @@ def road(disparity: DisparityMap, window: tuple[int, int], step: int | None = No
        doi:10.1145/358669.358692.
     """
     thinned, step = _thinned(disparity, step)
-    ground = _ground(thinned, window, step)
+    ground = _ground(thinned, window, step, threads)
     return None if ground is None else _scaled(ground, step)
 
 
 def planes(
-    disparity: DisparityMap, window: tuple[int, int], most: int = MOST_PLANES, step: int | None = None
+    disparity: DisparityMap,
+    window: tuple[int, int],
+    most: int = MOST_PLANES,
+    step: int | None = None,
+    threads: int = 0,
 ) -> list[Plane]:
     """Fit the ground and further planes, such as walls and verges, each to the pixels that the others leave.
 
@@ -127,6 +135,8 @@ def planes(
         How many planes at most.
     step : int, optional
         As for `road`.
+    threads : int
+        0: all cores. Never changes the answer.
 
     Returns
     -------
@@ -137,11 +147,11 @@ def planes(
     found: list[Plane] = []
     for trial in range(2 * most):
         if trial == 0:
-            plane = _ground(rest.copy(), window, step)
+            plane = _ground(rest.copy(), window, step, threads)
             if plane is None:
                 continue
         else:
-            plane = _search(rest, 0, max(1, NEIGHBOURS // step), (0.5 * step, -step, 2.0 * step))
+            plane = _search(rest, 0, max(1, NEIGHBOURS // step), (0.5 * step, -step, 2.0 * step), threads)
             if plane is None or len(found) >= most:
                 break
         if not _level(plane, window, step):
@@ -171,35 +181,38 @@ def _level(plane: Plane, window: tuple[int, int], step: int) -> bool:
     return abs(plane.a) * window[0] + abs(plane.b) * window[1] < LEVEL_WITHIN * step
 
 
-def _ground(rest: DisparityMap, window: tuple[int, int], step: int) -> Plane | None:
+def _ground(rest: DisparityMap, window: tuple[int, int], step: int, threads: int) -> Plane | None:
     """The ground, if need be behind what faces the camera across the street: that is taken out of `rest`."""
     for _ in range(FACADES + 1):
-        plane = _road(rest, step)
+        plane = _road(rest, step, threads)
         if plane is None or not _level(plane, window, step):
             return plane
         rest[_on(plane, rest)] = np.nan
     return None
 
 
-def _road(thinned: DisparityMap, step: int) -> Plane | None:
+def _road(thinned: DisparityMap, step: int, threads: int) -> Plane | None:
     top = int(0.4 * thinned.shape[0])
-    return _search(thinned, top, 0, (0.2 * step, 0.0, 2.0 * step))
+    return _search(thinned, top, 0, (0.2 * step, 0.0, 2.0 * step), threads)
 
 
 def _search(
-    disparity: DisparityMap, top: int, radius: int, slopes: tuple[float, float, float]
+    disparity: DisparityMap, top: int, radius: int, slopes: tuple[float, float, float], threads: int
 ) -> Plane | None:
     """The plane from row `top` on that most pixels are on, if they are enough."""
     found = np.zeros(3)
     searched = np.ascontiguousarray(disparity)
-    inliers = _core.find_plane(searched, top, radius, *slopes, TOLERANCE, 512, 4096, found)
-    if inliers < 3:
+    forced = _instructions.forced()
+    inliers = _core.find_plane(searched, top, radius, *slopes, TOLERANCE, 512, 4096, found, threads, forced)
+    if inliers < max(3.0, 0.02 * searched[top:].size):
         return None
-    reliable = searched[top:][np.isfinite(searched[top:])]
-    low, high = np.quantile(reliable, (0.05, 0.95))
-    by_chance = reliable.size * min(1.0, 2 * TOLERANCE / max(float(high - low), TOLERANCE))
-    enough = max(0.02 * searched[top:].size, min(3 * by_chance, 0.5 * reliable.size))
-    return Plane(*found.tolist()) if inliers >= enough else None
+    known = np.isfinite(searched[top:])
+    reliable = np.count_nonzero(known)
+    if inliers < 0.5 * reliable:  # half of them are enough, however many there are by chance
+        low, high = np.quantile(searched[top:][known], (0.05, 0.95))
+        if inliers < 3 * reliable * min(1.0, 2 * TOLERANCE / max(float(high - low), TOLERANCE)):
+            return None
+    return Plane(*found.tolist())
 
 
 def _on(plane: Plane, disparity: DisparityMap) -> npt.NDArray[np.bool_]:
@@ -237,7 +250,8 @@ def warped(
     .. [1] R. G. Keys, Cubic convolution interpolation for digital image processing, IEEE TASSP 29(6), 1981,
        doi:10.1109/TASSP.1981.1163711.
     """
-    wide = np.ascontiguousarray(np.pad(left, ((0, 0), (margin, margin), (0, 0)), "edge"))
+    wide = left if margin == 0 else np.pad(left, ((0, 0), (margin, margin), (0, 0)), "edge")
+    wide = np.ascontiguousarray(wide)
     moved = np.empty_like(wide)
     _core.warp(right, tuple(plane), floor, int(right.min()), int(right.max()), moved, threads)
     return wide, moved

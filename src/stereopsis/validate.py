@@ -267,6 +267,70 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     return found.view(bool)
 
 
+AGREEMENT = 3.0
+"""How near the plane of its surroundings a winner has to lie to agree with them, in pixels."""
+REVOCABLE = Flag.OCCLUDED | Flag.MISMATCHED | Flag.AMBIGUOUS | Flag.SPECKLE
+"""What is said of winners that their surroundings may speak for."""
+
+Answers = tuple[DisparityMap, npt.NDArray[np.float32]]
+"""Disparity, NaN where there is none, and confidence, 0 there; (H, W) each."""
+
+
+def accepted(
+    disparity: DisparityMap,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    threads: int = 0,
+) -> Answers:
+    """What has no flag.
+
+    Parameters
+    ----------
+    disparity, confidence : ndarray of float32, (H, W)
+        Not changed.
+    flags : ndarray of uint8, (H, W)
+    threads : int
+    """
+    answers = np.empty_like(disparity), np.empty_like(confidence)
+    _core.accept(disparity, confidence, flags, *answers, threads)
+    return answers
+
+
+def judged(
+    smooth: DisparityMap,
+    winners: DisparityMap | None,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    disparities: Disparities,
+    threads: int = 0,
+) -> Answers:
+    """Accept what was matched where its surroundings, drawn to their planes, agree, and only there.
+
+    Parameters
+    ----------
+    smooth : ndarray of float32, (H, W)
+        These planes; kept within the range, in place.
+    winners : ndarray of float32, (H, W), or None
+        Before any check. One within `AGREEMENT` of the plane loses its flags, in place, where all of these
+        are `REVOCABLE`; one farther off that had no flag gets `Flag.MISMATCHED`. None: flags stay.
+    confidence : ndarray of float32, (H, W)
+        The winners'.
+    flags : ndarray of uint8, (H, W)
+    disparities : Disparities
+    threads : int
+
+    Returns
+    -------
+    disparity, confidence : ndarray of float32, (H, W)
+        Of `smooth`, where there is no flag.
+    """
+    answers = np.empty(smooth.shape, np.float32), np.empty(smooth.shape, np.float32)
+    verdict = disparities.min, disparities.max - 1, AGREEMENT, REVOCABLE, Flag.MISMATCHED
+    told = None if winners is None else np.ascontiguousarray(winners)
+    _core.judge(told, np.ascontiguousarray(confidence), *verdict, smooth, flags, *answers, threads)
+    return answers
+
+
 def refuse_dull(
     image: npt.NDArray[Any],
     window: tuple[int, int],

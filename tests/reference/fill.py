@@ -76,7 +76,19 @@ def surfaces(disparity, occluded, image, sigma=5.0, slope_sigma=20.0, strength=5
     return np.where(holes, np.clip(np.where(one, whole, base), answers[0], answers[-1]), d)
 
 
+def nearer(disparity, doubtful, again):
+    found = disparity.astype(np.float32)
+    for y, x in np.argwhere(doubtful):
+        stand = [u for u in range(found.shape[1]) if not doubtful[y, u] and not np.isnan(disparity[y, u])]
+        ends = [disparity[y, u] for u in ([u for u in stand if u < x][-1:] + [u for u in stand if u > x][:1])]
+        if not ends or np.isnan(again[y, x]) or np.isnan(disparity[y, x]):
+            continue
+        found[y, x] = max(disparity[y, x], min(max(again[y, x], min(ends)), max(ends)))
+    return found
+
+
 def outlines(disparity, doubtful, image):
+    image = np.atleast_3d(image).astype(int)
     d = disparity.astype(np.float32)
     height, width = d.shape
     moved = d.copy()
@@ -97,7 +109,7 @@ def outlines(disparity, doubtful, image):
         for v in range(y - 12, y + 13, 4):
             for u in range(x - 12, x + 13, 4):
                 if 0 <= v < height and 0 <= u < width and not doubtful[v, u]:
-                    alike = round(4096 * math.exp(-abs(int(image[v, u]) - int(image[y, x])) / 12))
+                    alike = round(4096 * math.exp(-abs(image[v, u] - image[y, x]).max() / 12))
                     for surface in votes:
                         if 3 * abs(d[v, u] - surface) < nearer - farther:
                             votes[surface] += alike

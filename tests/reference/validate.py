@@ -62,3 +62,21 @@ def speckle(disparity, area, difference):
     for at, name in label.items():
         found[at] = sizes.count(name) < area
     return found
+
+
+def judged(smooth, winners, confidence, flags, least, most):
+    """Disparity, confidence and flags of what is accepted; the plane's disparities within their bounds."""
+    kept, flags = smooth.copy(), flags.copy()
+    disparity, trust = np.full(smooth.shape, np.nan, np.float32), np.zeros(smooth.shape, np.float32)
+    for at in np.ndindex(smooth.shape):
+        if not np.isnan(smooth[at]):
+            kept[at] = min(max(smooth[at], least), most)
+        if winners is not None:
+            near = abs(float(winners[at]) - float(kept[at])) < 3
+            if near and all(not flags[at] >> bit & 1 or 1 << bit in (1, 2, 4, 64) for bit in range(8)):
+                flags[at] = 0
+            elif not near and flags[at] == 0:
+                flags[at] = MISMATCHED
+        if flags[at] == 0:
+            disparity[at], trust[at] = kept[at], confidence[at]
+    return kept, flags, disparity, trust

@@ -172,8 +172,9 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
         stages.append(5)
     if settings.speckle is not None:
         stages.append(5.5)
+    filling = {"surfaces": 60.0, "interpolate": 8.0}.get(settings.fill or "", filled)
     if settings.fill is not None or settings.planar is not None:
-        stages.append({"surfaces": 60.0, "interpolate": 8.0}.get(settings.fill or "", filled))
+        stages.append(filling)
     if settings.planar is not None:
         stages.append(filled + 12)
     if settings.weighted_median is not None:
@@ -182,6 +183,8 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
         stages.append(30 + narrow)
     if settings.confidence is not None:
         stages.append(33)
+    if settings.least_confidence is not None and settings.fill is not None:
+        stages.append(filled + filling + (12 if settings.planar is not None else 4))
     if settings.outlines:
         stages.append(8 + narrow)
     return max(stages)

@@ -73,8 +73,14 @@ def halo(settings: Settings) -> Halo:
         found = found.then(smooth.edge_aware_halo(settings.edge_aware[0]))
     if settings.confidence is not None:
         found = _bounded(found, fill.ALONG_ROWS, settings).then(confidence.HALO)
+    if settings.least_confidence is not None and settings.fill is not None:
+        found = _bounded(found, fill.ALONG_ROWS if _fills_rows(settings) else fill.ALL_AROUND, settings)
+        if settings.planar is not None:
+            found = found.then(refine.planar_halo(window_size(settings.planar)))
     if settings.outlines:
         found = found.then(fill.OUTLINES_HALO)
+        if settings.median is not None:
+            found = found.then(refine.median_halo(settings.median))
     return found
 
 

@@ -221,13 +221,12 @@ void each_speckle(const float* disparity, int height, int width, int area, float
     if (pixels[parent[k]] < area) visit(first[k], last[k] + 1 - first[k]);
 }
 
-// One after the other: bands that are joined afterwards would take longer for images of usual size.
+// On one thread: to join what bands have found takes as long as they save.
 template <class Visit>
 void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
                   const Workers& workers, Visit visit) {
   if (!width) return;
-  const int64_t pixels = static_cast<int64_t>(height) * width;
-  quick_rows(1, pixels, 1 << 16, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
     each_speckle(disparity, height, width, area, difference, kernels, cancel, visit);
   });
 }
@@ -244,9 +243,12 @@ void speckle(const float* disparity, int height, int width, int area, float diff
 void refuse_speckle(int height, int width, int area, float difference, const Refusal& refused, const RowKernels& kernels,
                     const Workers& workers) {
   each_speckle(refused.disparity, height, width, area, difference, kernels, workers, [&](int first, int pixels) {
-    std::fill_n(refused.disparity + first, pixels, std::numeric_limits<float>::quiet_NaN());
-    std::fill_n(refused.confidence + first, pixels, 0.0f);
-    for (int k = first; k < first + pixels; ++k) refused.flags[k] |= refused.bit;
+    // One loop: runs are short, and each loop's end is a guess of the processor's that fails.
+    for (int k = first; k < first + pixels; ++k) {
+      refused.disparity[k] = std::numeric_limits<float>::quiet_NaN();
+      refused.confidence[k] = 0;
+      refused.flags[k] |= refused.bit;
+    }
   });
 }
 

@@ -71,7 +71,7 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
 void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count, int reach,
            int iterations, double* motion, double* correlation, const RowKernels& kernels, const Workers& workers) {
   const Windows windows{left, right, height, width, 2 * reach + 1};
-  quick_rows(count, count, 1 << 9, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_rows(count, count, 1 << 7, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int k = begin; k < end && !cancel.load(std::memory_order_relaxed); ++k) {
       correlation[k] = std::numeric_limits<double>::quiet_NaN();
       const int x = points[2 * k], y = points[2 * k + 1];

@@ -76,7 +76,7 @@ RowRefusal row_of(const Refusal& refused, int y, int width) {
 void refuse_dull_bytes(const uint8_t* image, int height, int width, const Window& window, uint16_t most, const Refusal& refused,
                        const RowKernels& kernels, const Workers& workers) {
   const int64_t pixels = static_cast<int64_t>(height) * width;
-  quick_rows(height, pixels, 1 << 18, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_rows(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     // Columns from `left` before the first on, edge columns repeated.
     const int left = window.left();
     std::vector<uint16_t> columns(static_cast<size_t>(width) + window.width + kRowRoom), sums(static_cast<size_t>(width) + kRowRoom);

@@ -625,9 +625,8 @@ void bind_planes(nb::module_& m) {
   });
 }
 
-HalfWindow half_window_of(int x, int y) {
-  require(1 <= x && x <= 127 && 1 <= y && y <= 127, "a window reaches from 1 to 127 pixels");
-  return {x, y};
+void require_tracked(int reach) {
+  require(1 <= reach && 2 * reach + 1 <= kMostTrackedRows, "a tracked window reaches from 1 to 7 rows");
 }
 
 // Two tables of weights, fine and coarse.
@@ -766,10 +765,10 @@ NB_MODULE(_core, m) {
     run(1, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
   });
 
-  m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach_x, int reach_y, double least,
+  m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach, double least,
                       const Array<int32_t, 3>& found, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1);
-    const HalfWindow reach = half_window_of(reach_x, reach_y);
+    require_tracked(reach);
     require(tile > 0 && stride > 0, "tile and stride are at least 1");
     require_shape(found, H / tile, W / tile, 2);
     const RowKernels& kernels = choose_rows(instructions);
@@ -779,11 +778,11 @@ NB_MODULE(_core, m) {
   });
 
   m.def("track", [](const Array<const uint8_t, 2>& left, const Array<const uint8_t, 2>& right,
-                    const Array<const int32_t, 2>& points, int reach_x, int reach_y, int iterations,
+                    const Array<const int32_t, 2>& points, int reach, int iterations,
                     const Array<double, 2>& motion, const Array<double, 1>& correlation, int threads,
                     const std::string& instructions) {
     const int H = left.shape(0), W = left.shape(1), count = points.shape(0);
-    const HalfWindow reach = half_window_of(reach_x, reach_y);
+    require_tracked(reach);
     require_shape(right, H, W);
     require_shape(points, count, 2);
     require_shape(motion, count, 2);
@@ -793,6 +792,16 @@ NB_MODULE(_core, m) {
       track(left.data(), right.data(), H, W, points.data(), count, reach, iterations, motion.data(), correlation.data(),
             kernels, workers);
     });
+  });
+
+  m.def("fit_rows", [](const Array<const double, 1>& across, const Array<const double, 1>& down,
+                       const Array<const double, 1>& rows, double slope, double settled, const Array<double, 1>& field) {
+    const int count = rows.shape(0);
+    require(count > 0 && slope > 0, "points, and a deviation above 0");
+    require_shape(across, count);
+    require_shape(down, count);
+    require_shape(field, 3);
+    return fit_rows(across.data(), down.data(), rows.data(), count, slope, settled, field.data());
   });
 
   m.def("merge_pass", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,

@@ -21,7 +21,6 @@
 #include "planes.hpp"
 #include "rows.hpp"
 #include "sgm.hpp"
-#include "smooth.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;
@@ -626,18 +625,16 @@ void bind_planes(nb::module_& m) {
   });
 }
 
-HalfWindow half_window_of(int x, int y) {
-  require(1 <= x && x <= 127 && 1 <= y && y <= 127, "a window reaches from 1 to 127 pixels");
-  return {x, y};
+void require_tracked(int reach) {
+  require(1 <= reach && 2 * reach + 1 <= kMostTrackedRows, "a tracked window reaches from 1 to 7 rows");
 }
 
 // Two tables of weights, fine and coarse.
-SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W,
-                           const std::string& instructions) {
+SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<const float, 2>& tables, float strength, int H, int W) {
   require_shape(guide, H, W);
   require(tables.shape(0) == 2 && tables.shape(1) > 0, "two tables");
   const int length = static_cast<int>(tables.shape(1));
-  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength, choose_smoothing(instructions)};
+  return {guide.data(), static_cast<int>(guide.shape(2)), tables.data(), tables.data() + length, length, strength};
 }
 
 }  // namespace
@@ -768,10 +765,10 @@ NB_MODULE(_core, m) {
     run(1, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
   });
 
-  m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach_x, int reach_y, double least,
+  m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach, double least,
                       const Array<int32_t, 3>& found, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1);
-    const HalfWindow reach = half_window_of(reach_x, reach_y);
+    require_tracked(reach);
     require(tile > 0 && stride > 0, "tile and stride are at least 1");
     require_shape(found, H / tile, W / tile, 2);
     const RowKernels& kernels = choose_rows(instructions);
@@ -781,11 +778,11 @@ NB_MODULE(_core, m) {
   });
 
   m.def("track", [](const Array<const uint8_t, 2>& left, const Array<const uint8_t, 2>& right,
-                    const Array<const int32_t, 2>& points, int reach_x, int reach_y, int iterations,
+                    const Array<const int32_t, 2>& points, int reach, int iterations,
                     const Array<double, 2>& motion, const Array<double, 1>& correlation, int threads,
                     const std::string& instructions) {
     const int H = left.shape(0), W = left.shape(1), count = points.shape(0);
-    const HalfWindow reach = half_window_of(reach_x, reach_y);
+    require_tracked(reach);
     require_shape(right, H, W);
     require_shape(points, count, 2);
     require_shape(motion, count, 2);
@@ -795,6 +792,16 @@ NB_MODULE(_core, m) {
       track(left.data(), right.data(), H, W, points.data(), count, reach, iterations, motion.data(), correlation.data(),
             kernels, workers);
     });
+  });
+
+  m.def("fit_rows", [](const Array<const double, 1>& across, const Array<const double, 1>& down,
+                       const Array<const double, 1>& rows, double slope, double settled, const Array<double, 1>& field) {
+    const int count = rows.shape(0);
+    require(count > 0 && slope > 0, "points, and a deviation above 0");
+    require_shape(across, count);
+    require_shape(down, count);
+    require_shape(field, 3);
+    return fit_rows(across.data(), down.data(), rows.data(), count, slope, settled, field.data());
   });
 
   m.def("merge_pass", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,
@@ -921,9 +928,9 @@ NB_MODULE(_core, m) {
   });
 
   m.def("edge_aware", [](const Array<const float, 2>& disparity, const Pixels& guide, const Array<const float, 2>& tables,
-                         float strength, int iterations, const Array<float, 2>& out, int threads, const std::string& instructions) {
+                         float strength, int iterations, const Array<float, 2>& out, int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) { edge_aware(disparity.data(), surfaces, H, W, iterations, out.data(), workers); });
   });
@@ -958,9 +965,9 @@ NB_MODULE(_core, m) {
 
   m.def("fill_surfaces", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& occluded, const Pixels& guide,
                             const Array<const float, 2>& tables, float strength, float least, float most,
-                            const Array<float, 2>& out, int threads, const std::string& instructions) {
+                            const Array<float, 2>& out, int threads) {
     const int H = disparity.shape(0), W = disparity.shape(1);
-    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W, instructions);
+    const SurfaceGuide surfaces = surface_guide(guide, tables, strength, H, W);
     require_shape(occluded, H, W);
     require_shape(out, H, W);
     run(threads, [&](const Workers& workers) {

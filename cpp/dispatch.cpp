@@ -6,7 +6,6 @@
 #include "planar.hpp"
 #include "rows.hpp"
 #include "sgm.hpp"
-#include "smooth.hpp"
 
 #if defined(STEREOPSIS_X86) && defined(_MSC_VER)
 #include <immintrin.h>
@@ -20,7 +19,6 @@ extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
 extern const RowKernels rows;
-extern const SmoothKernel smoothing;
 extern const SgmKernels sgm;
 }  // namespace generic
 
@@ -30,7 +28,6 @@ extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
 extern const RowKernels rows;
-extern const SmoothKernel smoothing;
 extern const SgmKernels sgm;
 }  // namespace avx2
 namespace avx512 {
@@ -38,7 +35,6 @@ extern const FusedKernel kernel;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
 extern const RowKernels rows;
-extern const SmoothKernel smoothing;
 extern const SgmKernels sgm;
 }  // namespace avx512
 namespace avx512vnni {
@@ -139,9 +135,6 @@ const PlanarKernel& choose_planar(const std::string& name) {
 const RowKernels& choose_rows(const std::string& name) {
   return build_for<RowKernels>(name, generic::rows, &avx2::rows, &avx512::rows, nullptr);
 }
-SmoothKernel choose_smoothing(const std::string& name) {
-  return build_for<SmoothKernel>(name, generic::smoothing, &avx2::smoothing, &avx512::smoothing, nullptr);
-}
 #else
 const PixelwiseKernels& choose_pixelwise(const std::string& name) {
   return build_for<PixelwiseKernels>(name, generic::pixelwise, nullptr, nullptr, nullptr);
@@ -152,9 +145,6 @@ const PlanarKernel& choose_planar(const std::string& name) {
 }
 const RowKernels& choose_rows(const std::string& name) {
   return build_for<RowKernels>(name, generic::rows, nullptr, nullptr, nullptr);
-}
-SmoothKernel choose_smoothing(const std::string& name) {
-  return build_for<SmoothKernel>(name, generic::smoothing, nullptr, nullptr, nullptr);
 }
 #endif
 

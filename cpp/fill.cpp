@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <vector>
 
@@ -129,7 +128,7 @@ void nearer(const float* disparity, const uint8_t* doubtful, const float* again,
 void fill_surfaces(const float* disparity, const uint8_t* occluded, const SurfaceGuide& guide, int height, int width, float least,
                    float most, float* filled, const Workers& workers) {
   const size_t size = static_cast<size_t>(height) * width;
-  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, guide.kernel, workers);
+  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
   // Continued from above and below, down and up every column.
   const Unset<float> above(size), below(size), range(size), weight(size), base(size), value(size);
   parallel_rows(width, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
@@ -180,20 +179,20 @@ void fill_surfaces(const float* disparity, const uint8_t* occluded, const Surfac
     }
   });
   if (lost.load()) {
-    // Nothing lies beside these, above or below: they begin as the map's median.
     std::vector<float> answers;
-    std::copy_if(disparity, disparity + size, std::back_inserter(answers), [](float v) { return !std::isnan(v); });
+    for (size_t at = 0; at < size; ++at)
+      if (!std::isnan(disparity[at])) answers.push_back(disparity[at]);
     if (answers.empty()) {
       std::fill(filled, filled + size, kNone);
       return;
     }
-    const auto middle = answers.begin() + static_cast<std::ptrdiff_t>(answers.size() / 2);
-    std::nth_element(answers.begin(), middle, answers.end());
+    std::nth_element(answers.begin(), answers.begin() + answers.size() / 2, answers.end());
+    const float middle = answers[answers.size() / 2];
     for (size_t at = 0; at < size; ++at)
-      if (std::isnan(value[at])) value[at] = *middle;
+      if (std::isnan(value[at])) value[at] = middle;
   }
   const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
-  smooth({{value.get(), weight.get()}}, &slopes, height, width, edges, guide.strength, 2, guide.kernel, workers);
+  smooth({{value.get(), weight.get()}}, &slopes, height, width, edges, guide.strength, 2, workers);
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel&) {
     for (size_t at = static_cast<size_t>(begin) * width; at < static_cast<size_t>(end) * width; ++at) {
       if (!std::isnan(disparity[at])) continue;

@@ -19,7 +19,7 @@ void census(const T* image, int height, int width, const CensusPoint* points, in
   }
   // The image with its edge pixels repeated, so that no comparison has to ask where it is.
   const ptrdiff_t stride = width + 2 * ptrdiff_t{reach_x};
-  std::vector<T> wide(static_cast<size_t>(stride) * (height + 2 * reach_y));
+  std::vector<T> wide(static_cast<size_t>(stride) * (height + 2 * reach_y) + kCensusStretch);
   for (int y = -reach_y; y < height + reach_y; ++y) {
     const T* from = image + static_cast<size_t>(std::clamp(y, 0, height - 1)) * width;
     T* to = wide.data() + (y + reach_y) * stride;

@@ -37,8 +37,11 @@ struct PixelJob {
 struct Comparison {
   ptrdiff_t first, second;
 };
+constexpr int kCensusStretch = 64;
 struct CensusJob {
-  const void* image;  // uint8 where `bytes`, else int32; of the first pixel, within an image wide enough for all comparisons
+  // uint8 where `bytes`, else int32; of the first pixel, within an image wide enough for all comparisons, behind which there
+  // are kCensusStretch more to be read.
+  const void* image;
   bool bytes;
   ptrdiff_t stride;  // elements from row to row
   int height, width;

@@ -285,39 +285,70 @@ void rows(const PixelJob& job, int begin, int end, void* scratch, const Cancel& 
 
 // ---- the census ------------------------------------------------------------------------------------------------------------
 
-// Eight comparisons make a byte, of so many pixels at a time.
-constexpr int kStretch = 256;
+// So many pixels at a time.
+constexpr int kStretch = kCensusStretch;
 
-// Apart from the loops around it, which the compiler would else weave into it instead of taking many pixels at once.
+// Up to eight comparisons make a byte of each pixel.
 template <class T>
-STEREOPSIS_NOINLINE static void compare(const T* STEREOPSIS_RESTRICT first, const T* STEREOPSIS_RESTRICT second, uint8_t bit,
-                                        int n, uint8_t* STEREOPSIS_RESTRICT bytes) {
-  for (int x = 0; x < n; ++x) bytes[x] = static_cast<uint8_t>(bytes[x] | (first[x] < second[x] ? bit : 0));
+static STEREOPSIS_INLINE void compare(const T* here, const Comparison* comparisons, int count, uint8_t* STEREOPSIS_RESTRICT bytes) {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  if constexpr (sizeof(T) == 1) {
+    static_assert(kStretch == 64, "a vector");
+    __m512i sum = _mm512_setzero_si512(), bit = _mm512_set1_epi8(1);
+    for (int k = 0; k < count; ++k, bit = _mm512_add_epi8(bit, bit)) {
+      const __m512i first = _mm512_loadu_si512(here + comparisons[k].first), second = _mm512_loadu_si512(here + comparisons[k].second);
+      sum = _mm512_mask_add_epi8(sum, _mm512_cmplt_epu8_mask(first, second), sum, bit);
+    }
+    _mm512_storeu_si512(bytes, sum);
+    return;
+  }
+#elif STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
+  if constexpr (sizeof(T) == 1) {
+    const auto load = [](const T* p) STEREOPSIS_INLINE_LAMBDA { return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)); };
+    for (int x = 0; x < kStretch; x += 32) {
+      __m256i sum = _mm256_setzero_si256(), bit = _mm256_set1_epi8(1);
+      for (int k = 0; k < count; ++k, bit = _mm256_add_epi8(bit, bit)) {
+        const __m256i first = load(here + x + comparisons[k].first), second = load(here + x + comparisons[k].second);
+        sum = _mm256_or_si256(sum, _mm256_andnot_si256(_mm256_cmpeq_epi8(_mm256_max_epu8(first, second), first), bit));
+      }
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(bytes + x), sum);
+    }
+    return;
+  }
+#endif
+  for (int x = 0; x < kStretch; ++x) bytes[x] = 0;
+  for (int k = 0; k < count; ++k) {
+    const T *STEREOPSIS_RESTRICT first = here + comparisons[k].first, *STEREOPSIS_RESTRICT second = here + comparisons[k].second;
+    const uint8_t bit = static_cast<uint8_t>(1 << k);
+    for (int x = 0; x < kStretch; ++x) bytes[x] = static_cast<uint8_t>(bytes[x] | (first[x] < second[x] ? bit : 0));
+  }
 }
 
 template <class T>
 void census(const CensusJob& job, int begin, int end, const Cancel& cancel) {
   const size_t plane = static_cast<size_t>(job.height) * job.width;
-  uint8_t bytes[kStretch];
-  for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
-    for (int x0 = 0; x0 < job.width; x0 += kStretch) {
-      const int n = job.width - x0 < kStretch ? job.width - x0 : kStretch;
-      const T* here = static_cast<const T*>(job.image) + y * job.stride + x0;
-      for (int group = 0; group < job.count; group += 8) {
-        const int last = job.count < group + 8 ? job.count : group + 8;
-        for (int x = 0; x < n; ++x) bytes[x] = 0;
-        for (int k = group; k < last; ++k)
-          compare(here + job.comparisons[k].first, here + job.comparisons[k].second, static_cast<uint8_t>(1 << (k - group)), n,
-                  bytes);
-        uint64_t* STEREOPSIS_RESTRICT strings =
-            job.strings + (group / 64) * plane + static_cast<size_t>(y) * job.width + x0;
-        const int shift = group % 64;
-        if (shift == 0)
-          for (int x = 0; x < n; ++x) strings[x] = bytes[x];
-        else
-          for (int x = 0; x < n; ++x) strings[x] |= static_cast<uint64_t>(bytes[x]) << shift;
+  alignas(64) uint8_t bytes[8][kStretch] = {};
+  alignas(64) uint64_t words[kStretch];
+  for (int word = 0; word < job.count; word += 64) {
+    const int count = job.count - word < 64 ? job.count - word : 64;
+    for (int group = (count + 7) / 8; group < 8; ++group)  // what an earlier word has left
+      for (int x = 0; x < kStretch; ++x) bytes[group][x] = 0;
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
+      for (int x0 = 0; x0 < job.width; x0 += kStretch) {
+        const int n = job.width - x0 < kStretch ? job.width - x0 : kStretch;
+        const T* here = static_cast<const T*>(job.image) + y * job.stride + x0;
+        for (int group = 0; group < count; group += 8)
+          compare(here, job.comparisons + word + group, count < group + 8 ? count - group : 8, bytes[group / 8]);
+        uint64_t* const strings = job.strings + (word / 64) * plane + static_cast<size_t>(y) * job.width + x0;
+        uint64_t* const to = n == kStretch ? strings : words;
+        for (int x = 0; x < kStretch; ++x) {
+          uint64_t string = 0;
+          for (int group = 0; group < 8; ++group) string |= static_cast<uint64_t>(bytes[group][x]) << 8 * group;
+          to[x] = string;
+        }
+        if (to == words) std::memcpy(strings, words, n * sizeof *words);
       }
-    }
+  }
 }
 
 void census_rows(const CensusJob& job, int begin, int end, const Cancel& cancel) {

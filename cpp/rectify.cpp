@@ -11,122 +11,25 @@ namespace stereopsis {
 
 namespace {
 
-// Windows of the usual width are taken by the kernels of rows_isa.cpp; these here are for all others.
-constexpr int kWidest = 2 * 127 + 1;
-bool usual(const HalfWindow& reach) { return 2 * reach.x + 1 == kUsualColumns && 2 * reach.y + 1 <= kTallestUsual; }
-
-// The smaller eigenvalue of the window's summed products of gradients, gradients being I(+1) - I(-1).
-double cornerness(const uint8_t* image, int stride, int x, int y, const HalfWindow& reach) {
-  const int columns = 2 * reach.x + 1;
-  int64_t xx = 0, xy = 0, yy = 0;
-  for (int v = y - reach.y; v <= y + reach.y; ++v) {
-    const uint8_t* row = image + static_cast<size_t>(v) * stride + x - reach.x;
-    int row_xx = 0, row_xy = 0, row_yy = 0;
-    for (int u = 0; u < columns; ++u) {
-      const int gx = row[u + 1] - row[u - 1], gy = row[u + stride] - row[u - stride];
-      row_xx += gx * gx;
-      row_xy += gx * gy;
-      row_yy += gy * gy;
-    }
-    xx += row_xx;
-    xy += row_xy;
-    yy += row_yy;
-  }
-  const double half = 0.5 * static_cast<double>(xx - yy), mixed = static_cast<double>(xy);
-  return 0.5 * static_cast<double>(xx + yy) - std::sqrt(half * half + mixed * mixed);
+bool inside(const Windows& windows, int x, int y) {
+  const int columns = kTrackedColumns / 2, rows = windows.rows / 2;
+  return x > columns && x + columns + 1 < windows.width && y > rows && y + rows + 1 < windows.height;
 }
 
-constexpr double kStill = 0.01;  // pixels: a point that moves less has arrived
-
-// Sums are of columns first, side by side, and then of these.
-double total(const float* column, int columns) {
-  double sum = 0;
-  for (int u = 0; u < columns; ++u) sum += column[u];
-  return sum;
+// The mean of places (n - 1) / 2 and n / 2 in order; changes the order.
+double median(std::vector<double>& values) {
+  const auto middle = values.begin() + values.size() / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  return values.size() % 2 ? *middle : 0.5 * (*std::max_element(values.begin(), middle) + *middle);
 }
 
-// What a step needs of a right window w: its variance times its pixels, and its products with the template and the gradients.
-struct Products {
-  double squares = 0, value = 0, x = 0, y = 0;
-};
-
-// A window of the left image about its mean, and its gradients about theirs.
-class Template {
- public:
-  explicit Template(const HalfWindow& reach)
-      : reach_(reach), columns_(2 * reach.x + 1), rows_(2 * reach.y + 1),
-        value_(static_cast<size_t>(columns_) * rows_), gx_(value_.size()), gy_(value_.size()) {}
-  double squares, x_value, y_value, xx, xy, yy;
-
-  void take(const uint8_t* left, int stride, int x, int y) {
-    const int columns = columns_;
-    float value[kMost] = {}, gx[kMost] = {}, gy[kMost] = {};
-    for (int v = 0; v < rows_; ++v) {
-      const uint8_t* at = left + static_cast<size_t>(y - reach_.y + v) * stride + x - reach_.x;
-      float *values = &value_[v * columns], *slopes = &gx_[v * columns], *rises = &gy_[v * columns];
-      for (int u = 0; u < columns; ++u) {
-        values[u] = at[u];
-        slopes[u] = 0.5f * static_cast<float>(at[u + 1] - at[u - 1]);
-        rises[u] = 0.5f * static_cast<float>(at[u + stride] - at[u - stride]);
-      }
-      for (int u = 0; u < columns; ++u) value[u] += values[u], gx[u] += slopes[u], gy[u] += rises[u];
-    }
-    const double pixels = static_cast<double>(columns) * rows_;
-    const auto mean = [&](const float* sums) { return static_cast<float>(total(sums, columns) / pixels); };
-    mean_ = mean(value);
-    const float mean_x = mean(gx), mean_y = mean(gy);
-    float sums[6][kMost] = {};
-    for (int v = 0; v < rows_; ++v) {
-      float *values = &value_[v * columns], *slopes = &gx_[v * columns], *rises = &gy_[v * columns];
-      for (int u = 0; u < columns; ++u) {
-        const float t = values[u] -= mean_, a = slopes[u] -= mean_x, b = rises[u] -= mean_y;
-        sums[0][u] += t * t;
-        sums[1][u] += a * t;
-        sums[2][u] += b * t;
-        sums[3][u] += a * a;
-        sums[4][u] += a * b;
-        sums[5][u] += b * b;
-      }
-    }
-    double* const totals[] = {&squares, &x_value, &y_value, &xx, &xy, &yy};
-    for (int k = 0; k < 6; ++k) *totals[k] = total(sums[k], columns);
-  }
-
-  // The right window at (x, y), straight lines between pixels; false where it leaves the image.
-  bool compare(const uint8_t* right, int height, int width, double x, double y, Products* found) const {
-    if (!(x >= reach_.x && x <= width - 1 - reach_.x && y >= reach_.y && y <= height - 1 - reach_.y)) return false;
-    const int columns = columns_;
-    const int left = std::min(static_cast<int>(x), width - 2 - reach_.x);
-    const int top = std::min(static_cast<int>(y), height - 2 - reach_.y);
-    const float s = static_cast<float>(x - left), t = static_cast<float>(y - top), mean = mean_;
-    const float w00 = (1 - s) * (1 - t), w01 = s * (1 - t), w10 = (1 - s) * t, w11 = s * t;
-    float sum[kMost] = {}, squares_of[kMost] = {}, by_value[kMost] = {}, by_x[kMost] = {}, by_y[kMost] = {};
-    for (int v = 0; v < rows_; ++v) {
-      const uint8_t* upper = right + static_cast<size_t>(top - reach_.y + v) * width + left - reach_.x;
-      const uint8_t* lower = upper + width;
-      const float *value = &value_[v * columns], *gx = &gx_[v * columns], *gy = &gy_[v * columns];
-      for (int u = 0; u < columns; ++u) {
-        const float w = (w00 * upper[u] + w01 * upper[u + 1]) + (w10 * lower[u] + w11 * lower[u + 1]) - mean;
-        sum[u] += w;
-        squares_of[u] += w * w;
-        by_value[u] += w * value[u];
-        by_x[u] += w * gx[u];
-        by_y[u] += w * gy[u];
-      }
-    }
-    const double all = total(sum, columns);
-    *found = {total(squares_of, columns) - all * all / (static_cast<double>(columns) * rows_),
-              total(by_value, columns), total(by_x, columns), total(by_y, columns)};
-    return true;
-  }
-
- private:
-  static constexpr int kMost = kWidest;
-  const HalfWindow reach_;
-  const int columns_, rows_;
-  float mean_ = 0;
-  std::vector<float> value_, gx_, gy_;
-};
+// The inverse of a symmetric matrix, given as 00, 01, 02, 11, 12, 22.
+void invert(const double (&m)[6], double (&inverse)[6]) {
+  const double a = m[3] * m[5] - m[4] * m[4], b = m[2] * m[4] - m[1] * m[5], c = m[1] * m[4] - m[2] * m[3];
+  const double determinant = m[0] * a + m[1] * b + m[2] * c;
+  const double adjoint[] = {a, b, c, m[0] * m[5] - m[2] * m[2], m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]};
+  for (int k = 0; k < 6; ++k) inverse[k] = adjoint[k] / determinant;
+}
 
 }  // namespace
 
@@ -141,12 +44,12 @@ void halve(const uint8_t* image, int height, int width, uint8_t* means, const Ro
   });
 }
 
-void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
+void corners(const uint8_t* image, int height, int width, int tile, int stride, int reach, double least, int32_t* found,
              const RowKernels& kernels, const Workers& workers) {
-  const Windows windows{image, image, height, width, 2 * reach.y + 1};
-  const bool as_usual = usual(reach);
+  const Windows windows{image, image, height, width, 2 * reach + 1};
   const int rows = height / tile, columns = width / tile;
-  parallel_rows(rows, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  const int64_t pixels = static_cast<int64_t>(height) * width;
+  quick_rows(rows, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int row = begin; row < end && !cancel.load(std::memory_order_relaxed); ++row)
       for (int column = 0; column < columns; ++column) {
         int32_t* best = found + 2 * (static_cast<size_t>(row) * columns + column);
@@ -154,8 +57,8 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
         double most = least;
         for (int y = row * tile; y < (row + 1) * tile; y += stride)
           for (int x = column * tile; x < (column + 1) * tile; x += stride) {
-            if (x <= reach.x || x + reach.x + 1 >= width || y <= reach.y || y + reach.y + 1 >= height) continue;
-            const double score = as_usual ? kernels.cornerness(windows, x, y) : cornerness(image, width, x, y, reach);
+            if (!inside(windows, x, y)) continue;
+            const double score = kernels.cornerness(windows, x, y);
             if (score <= most) continue;
             most = score;
             best[0] = x;
@@ -165,44 +68,57 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
   });
 }
 
-void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
-           const HalfWindow& reach, int iterations, double* motion, double* correlation, const RowKernels& kernels,
-           const Workers& workers) {
-  const Windows windows{left, right, height, width, 2 * reach.y + 1};
-  const bool as_usual = usual(reach);
-  parallel_rows(count, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    Template mine(reach);
+void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count, int reach,
+           int iterations, double* motion, double* correlation, const RowKernels& kernels, const Workers& workers) {
+  const Windows windows{left, right, height, width, 2 * reach + 1};
+  quick_rows(count, count, 1 << 7, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int k = begin; k < end && !cancel.load(std::memory_order_relaxed); ++k) {
-      const int x = points[2 * k], y = points[2 * k + 1];
-      double u = motion[2 * k], v = motion[2 * k + 1];
       correlation[k] = std::numeric_limits<double>::quiet_NaN();
-      if (x <= reach.x || x + reach.x + 1 >= width || y <= reach.y || y + reach.y + 1 >= height) continue;
-      if (as_usual) {
-        kernels.track(windows, x, y, iterations, motion + 2 * k, correlation + k);
-        continue;
-      }
-      mine.take(left, width, x, y);
-      const double determinant = mine.xx * mine.yy - mine.xy * mine.xy;
-      if (!(determinant > 1e-9 * mine.xx * mine.yy)) continue;
-      double moved = 1;
-      for (int step = 0; step <= iterations; ++step) {
-        Products seen;
-        if (!mine.compare(right, height, width, x + u, y + v, &seen) || !(seen.squares > 0)) break;
-        if (step == iterations || moved < kStill) {
-          correlation[k] = seen.value / std::sqrt(seen.squares * mine.squares);
-          break;
-        }
-        const double gain = seen.value / seen.squares, ex = mine.x_value - gain * seen.x, ey = mine.y_value - gain * seen.y;
-        const double du = std::min(std::max((mine.yy * ex - mine.xy * ey) / determinant, -1.0), 1.0);
-        const double dv = std::min(std::max((mine.xx * ey - mine.xy * ex) / determinant, -1.0), 1.0);
-        moved = std::max(std::fabs(du), std::fabs(dv));
-        u += du;
-        v += dv;
-      }
-      motion[2 * k] = u;
-      motion[2 * k + 1] = v;
+      const int x = points[2 * k], y = points[2 * k + 1];
+      if (inside(windows, x, y)) kernels.track(windows, x, y, iterations, motion + 2 * k, correlation + k);
     }
   });
+}
+
+double fit_rows(const double* across, const double* down, const double* rows, int count, double slope, double settled,
+                double* field) {
+  std::vector<double> rest(rows, rows + count);
+  field[0] = median(rest);
+  field[1] = field[2] = 0;
+  double scale = 0, inverse[6] = {};
+  for (int iteration = 0; iteration < 20; ++iteration) {
+    const auto residual = [&](int k) { return rows[k] - (field[0] + field[1] * across[k] + field[2] * down[k]); };
+    for (int k = 0; k < count; ++k) rest[k] = std::fabs(residual(k));
+    scale = std::max(1.4826 * median(rest), 0.01);
+    const double prior = scale * scale / (slope * slope);
+    double normal[6] = {0, 0, 0, prior, 0, prior}, right[3] = {};
+    for (int k = 0; k < count; ++k) {
+      const double part = residual(k) / (2 * scale), decay = 1 + part * part, weight = 1 / (decay * decay);
+      const double x = weight * across[k], y = weight * down[k];
+      normal[0] += weight;
+      normal[1] += x;
+      normal[2] += y;
+      normal[3] += x * across[k];
+      normal[4] += x * down[k];
+      normal[5] += y * down[k];
+      right[0] += weight * rows[k];
+      right[1] += x * rows[k];
+      right[2] += y * rows[k];
+    }
+    invert(normal, inverse);
+    const double next[] = {inverse[0] * right[0] + inverse[1] * right[1] + inverse[2] * right[2],
+                           inverse[1] * right[0] + inverse[3] * right[1] + inverse[4] * right[2],
+                           inverse[2] * right[0] + inverse[4] * right[1] + inverse[5] * right[2]};
+    double change = 0;
+    for (int i = 0; i < 3; ++i) {
+      change = std::max(change, std::fabs(next[i] - field[i]));
+      field[i] = next[i];
+    }
+    if (change < settled) break;
+  }
+  // Weights like these use the points about half as well as least squares would; neighbours err alike.
+  // Over the image a coordinate from -1/2 to 1/2 has a mean square of 1/12.
+  return 4 * scale * scale * (inverse[0] + (inverse[3] + inverse[5]) / 12);
 }
 
 template <class T>
@@ -217,8 +133,7 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
   }();
   const int64_t stride = static_cast<int64_t>(width) * channels;
   const int64_t pixels = height * stride;
-  quick_rows(height, pixels, 1 << 18, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    std::vector<float> part(width);
+  quick_rows(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       // Two rows beyond the image every row that is read is the edge's.
       const auto whole_row = [&](int x) {
@@ -236,10 +151,9 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
             high = middle;
         }
         const double start = y + offset.at(0, y) - whole;
-        for (int u = x; u < low; ++u) part[u] = static_cast<float>(start + offset.a * u);
         const auto row = [&](int k) { return image + std::min(std::max(whole + k, 0), height - 1) * stride; };
         const T* const rows[4] = {row(-1), row(0), row(1), row(2)};
-        kernel(rows, part.data(), x, low, channels, lowest, range, moved + y * stride);
+        kernel(rows, start, offset.a, x, low, channels, lowest, range, moved + y * stride);
         x = low;
       }
     }

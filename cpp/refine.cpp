@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <mutex>
+#include <utility>
 #include <vector>
 
 #include "parallel.hpp"
@@ -40,15 +42,31 @@ class Padded {
 void median(const float* disparity, int height, int width, int size, float* filtered, const RowKernels& kernels,
             const Workers& workers) {
   const int before = size / 2, after = size - 1 - before;
-  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    if (size == 3 || size == 5) {
+  const bool in_place = filtered == disparity, few = size == 3 || size == 5;
+  std::vector<float> copy;
+  if (in_place && !few) {
+    copy.assign(disparity, disparity + static_cast<size_t>(height) * width);
+    disparity = copy.data();
+  }
+  // In place, rows that another band may still have to read wait until all are done.
+  std::mutex mutex;
+  std::vector<std::pair<float*, std::vector<float>>> waiting;
+  const int64_t pixels = static_cast<int64_t>(height) * width;
+  const int grain = size == 3 ? 1 << 17 : size == 5 ? 1 << 15 : 1 << 10;
+  quick_rows(height, pixels, grain, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    if (few) {
       Padded map(disparity, height, width, size);
       std::vector<const float*> rows(1);
       for (int y = begin - before; y < begin + after; ++y) rows.push_back(map.row(y));
       for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
         rows.erase(rows.begin());
         rows.push_back(map.row(y + after));
-        float* const to = filtered + static_cast<size_t>(y) * width;
+        float *const own = filtered + static_cast<size_t>(y) * width, *to = own;
+        if (in_place && (y < begin + after || y >= end - before)) {
+          const std::lock_guard<std::mutex> lock(mutex);
+          waiting.emplace_back(own, std::vector<float>(width));
+          to = waiting.back().second.data();
+        }
         if (size == 3)
           kernels.median_of_nine(rows[0], rows[1], rows[2], width, to);
         else
@@ -73,6 +91,7 @@ void median(const float* disparity, int height, int width, int size, float* filt
         filtered[at] = count % 2 ? *middle : 0.5f * (*middle + *std::max_element(values.begin(), middle));
       }
   });
+  for (const auto& [row, values] : waiting) std::copy(values.begin(), values.end(), row);
 }
 
 }  // namespace stereopsis

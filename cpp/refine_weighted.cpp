@@ -136,7 +136,7 @@ void weighted_median(const float* disparity, const uint8_t* guide, int height, i
 void edge_aware(const float* disparity, const SurfaceGuide& guide, int height, int width, int iterations, float* smoothed,
                 const Workers& workers) {
   const size_t size = static_cast<size_t>(height) * width;
-  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, guide.kernel, workers);
+  const Slopes slopes = surface_slopes(disparity, guide.image, height, width, guide.channels, guide.coarse, guide.length, workers);
   const EdgeWeights edges = edge_weights(guide.image, height, width, guide.channels, guide.fine, guide.length, workers);
   std::vector<float> value(size), weight(size);
   for (size_t at = 0; at < size; ++at) {
@@ -144,7 +144,7 @@ void edge_aware(const float* disparity, const SurfaceGuide& guide, int height, i
     value[at] = answered ? disparity[at] : 0;
     weight[at] = answered ? 1.0f : 1e-6f;
   }
-  smooth({{value.data(), weight.data()}}, &slopes, height, width, edges, guide.strength, iterations, guide.kernel, workers);
+  smooth({{value.data(), weight.data()}}, &slopes, height, width, edges, guide.strength, iterations, workers);
   for (size_t at = 0; at < size; ++at) smoothed[at] = std::isnan(disparity[at]) ? disparity[at] : value[at];
 }
 

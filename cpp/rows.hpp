@@ -7,10 +7,10 @@
 
 namespace stereopsis {
 
-// The windows that corners are sought by and points are followed with, where they are of the usual width and not too tall.
-constexpr int kUsualColumns = 13, kTallestUsual = 15;
+// The windows that corners are sought by and points are followed with: so many columns, and up to so many rows.
+constexpr int kTrackedColumns = 13, kMostTrackedRows = 15;
 
-// A pair of images of the same size and windows of kUsualColumns x `rows` in them.
+// A pair of images of the same size and windows of kTrackedColumns x `rows` in them.
 struct Windows {
   const uint8_t *left, *right;
   int height, width, rows;
@@ -32,10 +32,11 @@ struct RowKernels {
   void (*grey_words)(const int32_t* rgb, size_t count, int32_t* grey);
   // The rounded means of 2 x 2 pixels of two rows, `count` of them.
   void (*halve)(const uint8_t* above, const uint8_t* below, int count, uint8_t* means);
-  // Columns [begin, end) of a row `part` of the way from row 1 to row 2 of four, counted from the lowest value.
-  void (*between_bytes)(const uint8_t* const* rows, const float* part, int begin, int end, int channels, uint8_t lowest,
+  // Columns [begin, end) of a row that lies start + slope x of the way from row 1 to row 2 of four, by cubic convolution; values
+  // are counted from the lowest one and stay within the range.
+  void (*between_bytes)(const uint8_t* const* rows, double start, double slope, int begin, int end, int channels, uint8_t lowest,
                         float range, uint8_t* out);
-  void (*between_words)(const int32_t* const* rows, const float* part, int begin, int end, int channels, int32_t lowest,
+  void (*between_words)(const int32_t* const* rows, double start, double slope, int begin, int end, int channels, int32_t lowest,
                         float range, int32_t* out);
   // Adds the gradients of a row of bytes, of one channel, to those of the columns, and takes those of another row away.
   void (*change_gradients)(const uint8_t* added, const uint8_t* removed, int width, uint16_t* columns);

@@ -14,9 +14,38 @@ namespace {
 
 // ---- images ---------------------------------------------------------------------------------------------------------------
 
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
+// Of eight pixels, four from each address, as whole numbers: compilers take many more steps to part bytes that lie by threes.
+static STEREOPSIS_INLINE __m256i grey_of_eight(const uint8_t* low, const uint8_t* high) {
+  const __m256i rgb = _mm256_inserti128_si256(_mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<const __m128i*>(low))),
+                                              _mm_loadu_si128(reinterpret_cast<const __m128i*>(high)), 1);
+  // Red and green side by side; blue beside a 1 that brings the half to round by.
+  const __m256i red_green = _mm256_shuffle_epi8(
+      rgb, _mm256_broadcastsi128_si256(_mm_setr_epi8(0, -1, 1, -1, 3, -1, 4, -1, 6, -1, 7, -1, 9, -1, 10, -1)));
+  const __m256i blue = _mm256_shuffle_epi8(
+      rgb, _mm256_broadcastsi128_si256(_mm_setr_epi8(2, -1, -1, -1, 5, -1, -1, -1, 8, -1, -1, -1, 11, -1, -1, -1)));
+  const __m256i sum = _mm256_add_epi32(_mm256_madd_epi16(red_green, _mm256_set1_epi32(19235 << 16 | 9798)),
+                                       _mm256_madd_epi16(_mm256_or_si256(blue, _mm256_set1_epi32(1 << 16)),
+                                                         _mm256_set1_epi32((1 << 14) << 16 | 3735)));
+  return _mm256_srli_epi32(sum, 15);
+}
+#endif
+
 template <class Sum, class T>
 static void grey(const T* STEREOPSIS_RESTRICT rgb, size_t count, T* STEREOPSIS_RESTRICT grey) {
-  for (size_t k = 0; k < count; ++k) {
+  size_t k = 0;
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
+  // Two more pixels have to follow, since 16 bytes are read for four.
+  if constexpr (sizeof(T) == 1)
+    for (; k + 34 <= count; k += 32) {
+      const uint8_t* const from = rgb + 3 * k;
+      // Packing works in halves of 128 bits: each gets 16 pixels in a row.
+      const __m256i first = _mm256_packs_epi32(grey_of_eight(from, from + 48), grey_of_eight(from + 12, from + 60));
+      const __m256i second = _mm256_packs_epi32(grey_of_eight(from + 24, from + 72), grey_of_eight(from + 36, from + 84));
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(grey + k), _mm256_packus_epi16(first, second));
+    }
+#endif
+  for (; k < count; ++k) {
     const Sum sum = Sum{9798} * rgb[3 * k] + Sum{19235} * rgb[3 * k + 1] + Sum{3735} * rgb[3 * k + 2];
     grey[k] = static_cast<T>((sum + (1 << 14)) >> 15);
   }
@@ -29,11 +58,11 @@ static void halve(const uint8_t* STEREOPSIS_RESTRICT above, const uint8_t* STERE
 }
 
 template <int C, class T>
-static STEREOPSIS_INLINE void between_rows(const T* const* rows, const float* STEREOPSIS_RESTRICT part, int begin, int end, T lowest,
+static STEREOPSIS_INLINE void between_rows(const T* const* rows, double start, double slope, int begin, int end, T lowest,
                                            float range, T* STEREOPSIS_RESTRICT out) {
   const T *p0 = rows[0], *p1 = rows[1], *p2 = rows[2], *p3 = rows[3];
   for (int x = begin; x < end; ++x) {
-    const float some = part[x] < 0.0f ? 0.0f : part[x], t = some > 1.0f ? 1.0f : some;
+    const float part = static_cast<float>(start + slope * x), some = part < 0.0f ? 0.0f : part, t = some > 1.0f ? 1.0f : some;
     const float w0 = t * (t * (2 - t) - 1) * 0.5f, w1 = (t * t * (3 * t - 5) + 2) * 0.5f;
     const float w2 = t * (t * (4 - 3 * t) + 1) * 0.5f, w3 = t * t * (t - 1) * 0.5f;
     for (int i = x * C; i < (x + 1) * C; ++i) {
@@ -48,11 +77,12 @@ static STEREOPSIS_INLINE void between_rows(const T* const* rows, const float* ST
 }
 
 template <class T>
-static void between(const T* const* rows, const float* part, int begin, int end, int channels, T lowest, float range, T* out) {
+static void between(const T* const* rows, double start, double slope, int begin, int end, int channels, T lowest, float range,
+                    T* out) {
   if (channels == 1)
-    between_rows<1>(rows, part, begin, end, lowest, range, out);
+    between_rows<1>(rows, start, slope, begin, end, lowest, range, out);
   else
-    between_rows<3>(rows, part, begin, end, lowest, range, out);
+    between_rows<3>(rows, start, slope, begin, end, lowest, range, out);
 }
 
 // ---- what the windows of an image hold of texture -------------------------------------------------------------------------
@@ -239,7 +269,7 @@ static void median_of_25(const float* const* rows, int width, float* STEREOPSIS_
   }
 }
 
-// ---- windows of the usual width: kWide columns side by side, of which the last few count for nothing ---------------------
+// ---- tracked windows: kWide columns side by side, of which the last few count for nothing ---------------------------------
 
 constexpr int kWide = 16;
 constexpr double kStill = 0.01;  // pixels: a point that moves less has arrived
@@ -259,10 +289,10 @@ struct Bytes {
 };
 
 static double cornerness(const Windows& windows, int x, int y) {
-  const int stride = windows.width, reach = kUsualColumns / 2, above = windows.rows / 2;
+  const int stride = windows.width, reach = kTrackedColumns / 2, above = windows.rows / 2;
   const uint8_t* const end = windows.left + static_cast<size_t>(windows.height) * stride;
   alignas(64) int16_t counts[kWide];
-  for (int u = 0; u < kWide; ++u) counts[u] = u < kUsualColumns ? -1 : 0;
+  for (int u = 0; u < kWide; ++u) counts[u] = u < kTrackedColumns ? -1 : 0;
   int32_t xx = 0, xy = 0, yy = 0;  // at most 15 rows of 13 products of 255 x 255
   for (int v = y - above; v <= y + above; ++v) {
     const uint8_t* const row = windows.left + static_cast<size_t>(v) * stride + x - reach;
@@ -290,7 +320,7 @@ struct Template {
   int rows;
   float mean;
   double squares, x_value, y_value, xx, xy, yy;
-  float value[kTallestUsual][kWide], gx[kTallestUsual][kWide], gy[kTallestUsual][kWide];
+  float value[kMostTrackedRows][kWide], gx[kMostTrackedRows][kWide], gy[kMostTrackedRows][kWide];
 };
 
 // kWide numbers side by side.
@@ -345,14 +375,14 @@ struct Wide {
     float column[kWide];
     store(column);
     float eight[8], four[4];
-    for (int u = 0; u < 8; ++u) eight[u] = u + 8 < kUsualColumns ? column[u] + column[u + 8] : column[u];
+    for (int u = 0; u < 8; ++u) eight[u] = u + 8 < kTrackedColumns ? column[u] + column[u + 8] : column[u];
     for (int u = 0; u < 4; ++u) four[u] = eight[u] + eight[u + 4];
     return (four[0] + four[2]) + (four[1] + four[3]);
   }
 };
 
 static void take(const Windows& windows, int x, int y, Template& mine) {
-  const int stride = windows.width, reach = kUsualColumns / 2;
+  const int stride = windows.width, reach = kTrackedColumns / 2;
   const uint8_t* const end = windows.left + static_cast<size_t>(windows.height) * stride;
   const Wide zero = Wide::all(0), half = Wide::all(0.5f);
   Wide value = zero, gx = zero, gy = zero;
@@ -371,7 +401,7 @@ static void take(const Windows& windows, int x, int y, Template& mine) {
     gx = gx + a;
     gy = gy + b;
   }
-  const double pixels = static_cast<double>(kUsualColumns) * mine.rows;
+  const double pixels = static_cast<double>(kTrackedColumns) * mine.rows;
   const auto mean = [&](const Wide& sums) STEREOPSIS_INLINE_LAMBDA { return static_cast<float>(sums.total() / pixels); };
   mine.mean = mean(value);
   const Wide mean_value = Wide::all(mine.mean), mean_x = Wide::all(mean(gx)), mean_y = Wide::all(mean(gy));
@@ -398,7 +428,7 @@ static void take(const Windows& windows, int x, int y, Template& mine) {
 
 // The right window at (x, y), straight lines between pixels; false where it leaves the image.
 static bool compare(const Windows& windows, const Template& mine, double x, double y, Products& found) {
-  const int reach = kUsualColumns / 2, above = mine.rows / 2, width = windows.width, height = windows.height;
+  const int reach = kTrackedColumns / 2, above = mine.rows / 2, width = windows.width, height = windows.height;
   if (!(x >= reach && x <= width - 1 - reach && y >= above && y <= height - 1 - above)) return false;
   const int last_left = width - 2 - reach, last_top = height - 2 - above;
   const int left = static_cast<int>(x) < last_left ? static_cast<int>(x) : last_left;
@@ -424,7 +454,7 @@ static bool compare(const Windows& windows, const Template& mine, double x, doub
     upper = lower;
   }
   const double all = sum.total();
-  found = {squares.total() - all * all / (static_cast<double>(kUsualColumns) * mine.rows), by_value.total(), by_x.total(),
+  found = {squares.total() - all * all / (static_cast<double>(kTrackedColumns) * mine.rows), by_value.total(), by_x.total(),
            by_y.total()};
   return true;
 }

@@ -182,6 +182,7 @@ class GroupState {
       : job_(job),
         group_(group),
         down_(down),
+        in_pairs_((job.settings.paths == 4 || job.settings.paths == 8) && 2 * job.settings.largest_p2() <= 255),
         columns_(job.pair.width + 2 * kMargin),
         least_(depth() * columns_ * kPathsAtOnce),
         second_((group.above.size() + 1) * job.pair.width),
@@ -264,6 +265,7 @@ class GroupState {
     row.line = line_.get();
     row.sums_before = before;
     row.sums = sums;
+    row.in_pairs = in_pairs_;
     row.soon = soon;
     if constexpr (sizeof(Lane) == 1)
       job_.kernels->paths8(row);
@@ -320,7 +322,7 @@ class GroupState {
 
   const SgmJob& job_;
   const Group group_;
-  const bool down_;
+  const bool down_, in_pairs_;
   const size_t columns_;
   Notes notes_;
   bool noting_ = false;  // or what is noted is looked back at alone
@@ -384,12 +386,9 @@ class RowEnd {
   RowEnd(const SgmJob& job, const Ends& ends)
       : job_(job),
         ends_(ends),
-        all_{job.pair},
-        right_(job.pair.width + job.pair.count + (ends.largest_shift - ends.least_shift) + job.room),
-        scratch_(winner_scratch(job.pair.width, job.room)) {
-    all_.first += ends.least_shift;
-    all_.count += ends.largest_shift - ends.least_shift;
-  }
+        all_(all(job, ends)),
+        right_(right_scratch(all(job, ends), job.room)),
+        scratch_(winner_scratch(job.pair.width)) {}
 
   void row(int y, uint16_t* sums) {
     const int W = job_.pair.width, D = job_.pair.count;
@@ -419,10 +418,18 @@ class RowEnd {
   }
 
  private:
+  // All disparities that some pixel's candidates mean.
+  static Pair all(const SgmJob& job, const Ends& ends) {
+    Pair pair = job.pair;
+    pair.first += ends.least_shift;
+    pair.count += ends.largest_shift - ends.least_shift;
+    return pair;
+  }
+
   const SgmJob& job_;
   const Ends& ends_;
-  Pair all_;
-  Block<uint32_t> right_;
+  const Pair all_;
+  Block<int32_t> right_;
   Block<int32_t> scratch_;
   std::vector<std::pair<int, Beyond>> beyond_;  // by columns
 };
@@ -481,7 +488,7 @@ class Meeting {
     CostRows<Lane> rows(job_);
     RowEnd row_end(job_, ends_);
     Block<Lane> costs(kStretch * row_size());
-    Block<uint16_t> sums(kStretch * row_size());
+    Block<uint16_t> sums(kStretch * row_size() + 2 * kSgmBlock);
     // The other's stretches, from the last one back to its first.
     for (int stretch = stretches(other) - 1; stretch >= 0; --stretch) {
       const int begin = stretch * kStretch, end = std::min(begin + kStretch, half(other));
@@ -490,12 +497,12 @@ class Meeting {
         if (cancel.load(std::memory_order_relaxed)) return;
         const size_t slot = (turn - begin) * row_size();
         rows.make(row_of(other, turn), costs.get() + slot);
-        again.row(row_of(other, turn), costs.get() + slot, nullptr, sums.get() + slot);
+        again.row(row_of(other, turn), costs.get() + slot, nullptr, sums.get() + kSgmBlock + slot);
       }
       for (int turn = end - 1; turn >= begin; --turn) {
         if (cancel.load(std::memory_order_relaxed)) return;
         const size_t slot = (turn - begin) * row_size();
-        uint16_t* const row = sums.get() + slot;
+        uint16_t* const row = sums.get() + kSgmBlock + slot;
         sweep.row(row_of(other, turn), costs.get() + slot, row, row);
         row_end.row(row_of(other, turn), row);
       }
@@ -518,11 +525,11 @@ void sweep(const SgmJob& job, const Ends& ends, const Workers& workers) {
     CostRows<Lane> rows(job);
     RowEnd row_end(job, ends);
     Block<Lane> costs(job.pair.width * job.room);
-    Block<uint16_t> sums(job.pair.width * job.room);
+    Block<uint16_t> sums(job.pair.width * job.room + 2 * kSgmBlock);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       rows.make(y, costs.get());
-      down.row(y, costs.get(), nullptr, sums.get());
-      row_end.row(y, sums.get());
+      down.row(y, costs.get(), nullptr, sums.get() + kSgmBlock);
+      row_end.row(y, sums.get() + kSgmBlock);
     }
   });
 }

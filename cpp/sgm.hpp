@@ -76,6 +76,9 @@ struct PathRow {
   Lane* line;                           // scratch, 2 * room
   const uint16_t* sums_before;          // (width, room), or null for none
   uint16_t* sums;                       // (width, room), or null; beyond the candidates anything
+  // P2 twice is no more than a lane holds, and a pixel's paths are this row's and those of `sums_before`, as many: sums without
+  // any before them may have a form of the build's own, in the same memory, which it understands where they are these.
+  bool in_pairs;
   const char* soon;                     // 64 bytes a pixel that are asked for soon, or null
 };
 
@@ -87,13 +90,16 @@ struct WinnerRow {
   const int16_t* shift;  // candidate i of pixel x means disparity pair->first + shift[x] - least_shift + i; or null
   int least_shift;
   size_t room;
-  uint16_t* sums;
-  uint32_t* right;    // width + pair->count + room, scratch; with the left-right check alone
-  int32_t* scratch;   // winner_scratch(width, room)
+  uint16_t* sums;    // with kSgmBlock before and after that may be read
+  int32_t* right;    // right_scratch(*pair, room); with the left-right check alone
+  int32_t* scratch;  // winner_scratch(width)
   const FusedOutput* out;
   int y;
 };
-inline size_t winner_scratch(int width, size_t room) { return 8 * static_cast<size_t>(width) + room + 64; }
+inline size_t winner_scratch(int width) { return 8 * static_cast<size_t>(width) + 64; }
+// Places of the right pixels that candidates mean, and others that are written with them.
+inline size_t winner_reach(const Pair& pair, size_t room) { return static_cast<size_t>(pair.width) + pair.count + room + kSgmBlock; }
+inline size_t right_scratch(const Pair& pair, size_t room) { return 2 * winner_reach(pair, room) + room + kSgmBlock; }
 
 // A winner out of view, by its number and its sum; or -1.
 struct Beyond {

@@ -89,11 +89,8 @@ struct Of<uint8_t> {
   static STEREOPSIS_INLINE Vec set(uint8_t v) { return STEREOPSIS_V(set1_epi8)(static_cast<char>(v)); }
   static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu8)(a, b); }
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
-  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec) { return _mm512_mask_min_epu8(a, ~1ull, a, b); }
-  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec) { return _mm512_mask_min_epu8(a, ~0ull >> 1, a, b); }
-#else
-  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
-  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
+  using Mask = __mmask64;
+  static STEREOPSIS_INLINE Vec min_where(Vec a, Vec b, Mask mask) { return _mm512_mask_min_epu8(a, mask, a, b); }
 #endif
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi8)(a, b); }
   static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi8)(a, b); }
@@ -120,11 +117,8 @@ struct Of<uint16_t> {
   static STEREOPSIS_INLINE Vec set(uint16_t v) { return STEREOPSIS_V(set1_epi16)(static_cast<short>(v)); }
   static STEREOPSIS_INLINE Vec min(Vec a, Vec b) { return STEREOPSIS_V(min_epu16)(a, b); }
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
-  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec) { return _mm512_mask_min_epu16(a, ~1u, a, b); }
-  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec) { return _mm512_mask_min_epu16(a, ~0u >> 1, a, b); }
-#else
-  static STEREOPSIS_INLINE Vec min_but_first(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
-  static STEREOPSIS_INLINE Vec min_but_last(Vec a, Vec b, Vec ones) { return min(a, either(b, ones)); }
+  using Mask = __mmask32;
+  static STEREOPSIS_INLINE Vec min_where(Vec a, Vec b, Mask mask) { return _mm512_mask_min_epu16(a, mask, a, b); }
 #endif
   static STEREOPSIS_INLINE Vec add(Vec a, Vec b) { return STEREOPSIS_V(add_epi16)(a, b); }
   static STEREOPSIS_INLINE Vec sub(Vec a, Vec b) { return STEREOPSIS_V(sub_epi16)(a, b); }
@@ -192,6 +186,33 @@ static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint1
   store(sums, first);
   store(sums + kBytes / 2, second);
 }
+// The same where two paths' costs beyond the pixel's own fit a byte: of the paths before these alone are handed over.
+template <int N>
+static STEREOPSIS_INLINE void hand_over(const Vec* more, uint16_t* sums) {
+  static_assert(N == 2 || N == 4, "in pairs");
+  uint8_t* const pairs = reinterpret_cast<uint8_t*>(sums);
+  store(pairs, STEREOPSIS_V(add_epi8)(more[0], more[1]));
+  if constexpr (N == 4) store(pairs + kBytes, STEREOPSIS_V(add_epi8)(more[2], more[3]));
+}
+template <int N>
+static STEREOPSIS_INLINE void complete(const Vec* more, Vec cost, Vec ones, Vec weights, const uint16_t* before, uint16_t* sums) {
+  const uint8_t* const pairs = reinterpret_cast<const uint8_t*>(before);
+  const Vec mine = STEREOPSIS_V(add_epi8)(more[0], more[1]), others = load(pairs);
+  Vec lo = STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpacklo_epi8)(mine, cost), weights);
+  Vec hi = STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpackhi_epi8)(mine, cost), weights);
+  if constexpr (N == 4) {
+    const Vec next = load(pairs + kBytes), last = STEREOPSIS_V(add_epi8)(more[2], more[3]);
+    lo = STEREOPSIS_V(add_epi16)(lo, STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpacklo_epi8)(others, next), ones));
+    hi = STEREOPSIS_V(add_epi16)(hi, STEREOPSIS_V(maddubs_epi16)(STEREOPSIS_V(unpackhi_epi8)(others, next), ones));
+    lo = STEREOPSIS_V(add_epi16)(lo, STEREOPSIS_V(unpacklo_epi8)(last, zero()));
+    hi = STEREOPSIS_V(add_epi16)(hi, STEREOPSIS_V(unpackhi_epi8)(last, zero()));
+  } else {
+    lo = STEREOPSIS_V(add_epi16)(lo, STEREOPSIS_V(unpacklo_epi8)(others, zero()));
+    hi = STEREOPSIS_V(add_epi16)(hi, STEREOPSIS_V(unpackhi_epi8)(others, zero()));
+  }
+  store(sums, joined_first(lo, hi));
+  store(sums + kBytes / 2, joined_second(lo, hi));
+}
 template <int N>
 static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint16_t* sums, uint16_t) {
   Vec sum = t[0];
@@ -202,7 +223,7 @@ static STEREOPSIS_INLINE void add_up(const Vec* t, const uint16_t* before, uint1
 // N paths, the last of them along the row where Along. Vectors: as many as a pixel's candidates fill, or 0 where
 // only `row` knows, and the last one may have room left.
 // Guided: P2 differs from pixel to pixel.
-template <class Lane, int N, bool Along, int Vectors, bool Guided>
+template <class Lane, int N, bool Along, int Vectors, bool Guided, bool Paired>
 static void paths_of(const PathRow<Lane>& given) {
   using L = Of<Lane>;
   constexpr int lanes = kBytes / sizeof(Lane), above = N - (Along ? 1 : 0);
@@ -215,17 +236,35 @@ static void paths_of(const PathRow<Lane>& given) {
   edge[0] = static_cast<Lane>(~Lane{0});
   edge[2 * lanes - 1] = static_cast<Lane>(~Lane{0});
   const Vec before_first = load(edge), after_last = load(edge + lanes), all_ones = L::set(static_cast<Lane>(~Lane{0}));
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  typename L::Mask but_first = static_cast<typename L::Mask>(~typename L::Mask{1}), but_last = static_cast<typename L::Mask>(~typename L::Mask{0}) >> 1;
+#if defined(__GNUC__)
+  asm("" : "+k"(but_first), "+k"(but_last));  // made once, and not anew where they are used
+#endif
+#endif
   constexpr bool padded = Vectors == 0;
+  Vec ones = L::set(1), weights = STEREOPSIS_V(set1_epi16)(static_cast<short>(1 | 2 * N << 8));  // of what is summed, and of the cost
+#if defined(__GNUC__)
+  if constexpr (Paired) asm("" : "+v"(ones), "+v"(weights));
+#endif
   const Vec no_candidate = load(row.no_candidate + (vectors - 1) * lanes), candidate = is_zero(no_candidate, Lane{});
   Lane* const line = row.line;
   std::memcpy(line, row.no_candidate, row.room * sizeof(Lane));
   Vec line_least = zero();
+#if defined(STEREOPSIS_BITALG)
+  // Two vectors hold all of a pixel's bytes: they are turned by a candidate, and the one that leaves each is put into the other.
+  constexpr bool turned = sizeof(Lane) == 1 && Vectors == 2;
+  alignas(64) uint8_t turns[2 * 64];
+  for (int k = 0; k < 64; ++k) turns[k] = static_cast<uint8_t>((k + 63) % 64), turns[64 + k] = static_cast<uint8_t>((k + 1) % 64);
+  const Vec up = load(turns), down = load(turns + 64);
+  Vec line_costs[2] = {zero(), zero()};
+#endif
   ptrdiff_t x = row.step > 0 ? 0 : row.width - 1;
   for (int n = 0; n < row.width; ++n, x += row.step) {
     const ptrdiff_t at = x * room;
     const Lane* const costs = row.costs + at;
     if (row.soon) fetch(row.soon + ptrdiff_t{64} * n);
-    Vec least[N], limit[N], lowest[4];
+    Vec least[N], most[N], lowest[4];
     unrolled<4 - N>([&](auto k) STEREOPSIS_INLINE_LAMBDA { lowest[N + k] = all_ones; });
     const Lane* from[N];
     Lane* to[N];
@@ -233,78 +272,112 @@ static void paths_of(const PathRow<Lane>& given) {
       from[k] = row.from[k] + at;
       to[k] = row.to[k] + at;
       least[k] = STEREOPSIS_V(set1_epi32)(static_cast<int>(row.least[k][x * kPathsAtOnce]));
-      limit[k] = L::add(least[k], Guided ? L::broadcast(row.second[k] + x) : p2);
+      most[k] = Guided ? L::broadcast(row.second[k] + x) : p2;
     });
     if constexpr (Along) {
       least[N - 1] = line_least;
-      limit[N - 1] = L::add(line_least, Guided ? L::broadcast(row.second[N - 1] + x) : p2);
+      most[N - 1] = Guided ? L::broadcast(row.second[N - 1] + x) : p2;
     }
-    Vec along_before = all_ones, along = load(line);
-    const auto block = [&](int v) STEREOPSIS_INLINE_LAMBDA {
-      const ptrdiff_t i = static_cast<ptrdiff_t>(v) * lanes;
-      const bool is_first = v == 0, is_last = v == vectors - 1;
-      const Vec cost = load(costs + i);
-      Vec t[N];
-      unrolled<N>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
-        Vec a, below, beyond;
-        if constexpr (Along && k == N - 1) {
-          a = along;
-          const Vec after = is_last ? all_ones : load(line + i + lanes);
-          below = L::one_up(along_before, a);
-          beyond = L::one_down(a, after);
-          along_before = a;
-          along = after;
-        } else {
-          a = load(from[k] + i);
-          below = load(from[k] + i - 1);
-          beyond = load(from[k] + i + 1);
-        }
-        Vec next;
-        if (is_first && is_last)
-          next = L::min(either(below, before_first), either(beyond, after_last));
-        else if (is_first)
-          next = L::min_but_first(beyond, below, before_first);
-        else if (is_last)
-          next = L::min_but_last(below, beyond, after_last);
+    // What path k's costs at i have over the pixel's own, from those of the pixel before at i, i - 1 and i + 1.
+    const auto step = [&](auto k, bool is_first, bool is_last, Vec a, Vec below, Vec beyond) STEREOPSIS_INLINE_LAMBDA {
+      Vec next;
+      if (is_first && is_last)
+        next = L::min(either(below, before_first), either(beyond, after_last));
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+      else if (is_first)
+        next = L::min_where(beyond, below, but_first);
+      else if (is_last)
+        next = L::min_where(below, beyond, but_last);
+#else
+      else if (is_first)
+        next = L::min(beyond, either(below, before_first));
+      else if (is_last)
+        next = L::min(below, either(beyond, after_last));
+#endif
+      else
+        next = L::min(below, beyond);
+      return L::min(L::sub(L::min(a, L::add(next, p1)), least[k]), most[k]);
+    };
+    const auto sum_up = [&](ptrdiff_t i, const Vec* t, const Vec* more, Vec cost) STEREOPSIS_INLINE_LAMBDA {
+      if constexpr (Paired) {
+        if (row.sums_before)
+          complete<N>(more, cost, ones, weights, row.sums_before + at + i, row.sums + at + i);
         else
-          next = L::min(below, beyond);
-        const Vec stepped = L::add(next, p1);
-        a = L::min(L::min(a, stepped), limit[k]);
-        a = L::add(L::sub(a, least[k]), cost);
-        if (is_last && padded) a = put(a, candidate, no_candidate);
-        lowest[k] = is_first ? a : L::min(lowest[k], a);
-        t[k] = a;
-        if constexpr (Along && k == N - 1)
-          store(line + i, a);
-        else
-          store(to[k] + i, a);
-      });
-      if constexpr (N != 3) {  // three are followed for what they leave alone
+          hand_over<N>(more, row.sums + at + i);
+      } else if constexpr (N != 3) {  // three are followed for what they leave alone
         if (row.sums_before)
           add_up<N>(t, row.sums_before + at + i, row.sums + at + i, Lane{});
         else if (row.sums)
           add_up<N>(t, nullptr, row.sums + at + i, Lane{});
       }
     };
-    if constexpr (Vectors > 0)
-      unrolled<Vectors>(block);
-    else
-      for (int v = 0; v < vectors; ++v) block(v);
+#if defined(STEREOPSIS_BITALG)
+    if constexpr (turned) {
+      const Vec cost[2] = {load(costs), load(costs + lanes)};
+      Vec t[2][N], more[2][N];
+      unrolled<N>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+        constexpr bool is_along = Along && k == N - 1;
+        const Vec a = is_along ? line_costs[0] : load(from[k]), b = is_along ? line_costs[1] : load(from[k] + lanes);
+        const Vec below = _mm512_permutexvar_epi8(up, a), after = _mm512_permutexvar_epi8(down, b);
+        more[0][k] = step(k, true, false, a, below, _mm512_mask_permutexvar_epi8(after, but_last, down, a));
+        more[1][k] = step(k, false, true, b, _mm512_mask_permutexvar_epi8(below, but_first, up, b), after);
+        for (int v = 0; v < 2; ++v) {
+          t[v][k] = L::add(more[v][k], cost[v]);
+          if constexpr (is_along)
+            line_costs[v] = t[v][k];
+          else
+            store(to[k] + v * lanes, t[v][k]);
+        }
+        lowest[k] = L::min(t[0][k], t[1][k]);
+      });
+      for (int v = 0; v < 2; ++v) sum_up(v * lanes, t[v], more[v], cost[v]);
+    } else
+#endif
+    {
+      Vec along_before = all_ones, along = load(line);
+      const auto block = [&](int v) STEREOPSIS_INLINE_LAMBDA {
+        const ptrdiff_t i = static_cast<ptrdiff_t>(v) * lanes;
+        const bool is_first = v == 0, is_last = v == vectors - 1;
+        const Vec cost = load(costs + i);
+        Vec t[N], more[N];
+        unrolled<N>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+          if constexpr (Along && k == N - 1) {
+            const Vec after = is_last ? all_ones : load(line + i + lanes);
+            more[k] = step(k, is_first, is_last, along, L::one_up(along_before, along), L::one_down(along, after));
+            along_before = along;
+            along = after;
+          } else {
+            more[k] = step(k, is_first, is_last, load(from[k] + i), load(from[k] + i - 1), load(from[k] + i + 1));
+          }
+          t[k] = L::add(more[k], cost);
+          if (is_last && padded) t[k] = put(t[k], candidate, no_candidate);
+          lowest[k] = is_first ? t[k] : L::min(lowest[k], t[k]);
+          store(Along && k == N - 1 ? line + i : to[k] + i, t[k]);
+        });
+        sum_up(i, t, more, cost);
+      };
+      if constexpr (Vectors > 0)
+        unrolled<Vectors>(block);
+      else
+        for (int v = 0; v < vectors; ++v) block(v);
+    }
     const __m128i found = leasts<Lane>(lowest);
     _mm_storeu_si128(reinterpret_cast<__m128i*>(row.least_to + x * kPathsAtOnce), found);
     if constexpr (Along) line_least = word_of<N - 1>(found);
   }
 }
 
-template <class Lane, int N, bool Along, bool Guided>
+template <class Lane, int N, bool Along, bool Paired, bool Guided>
 static void paths_guided(const PathRow<Lane>& row) {
   constexpr int lanes = kBytes / sizeof(Lane);
-  if (row.count == 128) return paths_of<Lane, N, Along, 128 / lanes, Guided>(row);
-  paths_of<Lane, N, Along, 0, Guided>(row);
+  if (row.count == 128) return paths_of<Lane, N, Along, 128 / lanes, Guided, Paired>(row);
+  paths_of<Lane, N, Along, 0, Guided, Paired>(row);
 }
-template <class Lane, int N, bool Along>
+template <class Lane, int N, bool Along, bool Paired = false>
 static void paths_with(const PathRow<Lane>& row) {
-  row.guided ? paths_guided<Lane, N, Along, true>(row) : paths_guided<Lane, N, Along, false>(row);
+  if constexpr (sizeof(Lane) == 1 && Along && N > 1 && !Paired)
+    if (row.in_pairs) return paths_with<Lane, N, Along, true>(row);
+  row.guided ? paths_guided<Lane, N, Along, Paired, true>(row) : paths_guided<Lane, N, Along, Paired, false>(row);
 }
 
 template <class Lane>
@@ -424,29 +497,64 @@ static void hamming_plane(const HammingRow& row, const uint8_t* planes, ptrdiff_
 }
 
 #if defined(STEREOPSIS_BITALG)
-// The same for words of which most bits count: the strings' counts, of eight at a time, are shifted together.
+// The same for words of which most bits count: the strings' counts, of eight at a time, are shifted together. Eight pixels that
+// follow each other compare the same aligned vectors of strings, where these lie so that the last pixel's first candidate is
+// the first of eight: pixel k's candidates then begin 7 - k strings later, and what it counts before them, which is written
+// over the last ones of the pixel before, is put right by that one's last few.
 template <bool Added>
 static void hamming_strings(const HammingRow& row, const uint64_t* strings, const uint64_t* left) {
-  const int last = row.width - 1, margin = row.margin;
+  const int last = row.width - 1, end = last + row.margin;
   const ptrdiff_t room = static_cast<ptrdiff_t>(row.room), most = row.width + room, origin = ptrdiff_t{last} + row.first + room;
   const int16_t* const shift = row.shift;
   alignas(64) uint8_t order[64];
   for (int k = 0; k < 64; ++k) order[k] = static_cast<uint8_t>(k % 8 * 8 + k / 8);
   const Vec by_string = load(order);
+  const auto string_of = [&](int column) STEREOPSIS_INLINE_LAMBDA {
+    return _mm512_set1_epi64(static_cast<long long>(left[clamp(column, 0, last)]));
+  };
+  const auto with_next = [&](Vec counts, Vec one, Vec other) STEREOPSIS_INLINE_LAMBDA {
+    return _mm512_shrdi_epi64(counts, _mm512_popcnt_epi64(_mm512_xor_si512(one, other)), 8);
+  };
   uint8_t* costs = row.costs;
-  for (int column = -margin; column <= last + margin; ++column, costs += room) {
-    const int x = static_cast<int>(clamp(column, 0, last));
-    const uint64_t* const right = strings + clamp(origin - column + (shift ? shift[x] : 0), 0, most);
-    const Vec here = _mm512_set1_epi64(static_cast<long long>(left[x]));
+  for (int column = -row.margin; column <= end;) {
+    const ptrdiff_t at = origin - column;
+    if (!Added && !shift && column + 7 <= end && at >= 7 && at <= most && at % 8 == 7) {
+      const uint64_t* const right = strings + (at - 7);
+      Vec here[8], counts[8];
+      unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { here[k] = string_of(column + k), counts[k] = zero(); });
+      for (ptrdiff_t i = 0; i < room; i += 64) {
+        for (int n = 0; n < 64; n += 8) {
+          const Vec eight = load(right + i + n);
+          unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { counts[k] = with_next(counts[k], here[k], eight); });
+        }
+        unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+          const Vec sum = _mm512_permutexvar_epi8(by_string, counts[k]);
+          uint8_t* const to = costs + k * room + i - (7 - k);
+          if (k == 0 && i == 0)
+            _mm512_mask_storeu_epi8(to, ~uint64_t{0} << 7, sum);
+          else
+            store(to, sum);
+        });
+      }
+      const Vec eight = load(right + room);
+      Vec few = zero();
+      unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { few = with_next(few, here[k], eight); });
+      few = _mm512_permutexvar_epi8(by_string, few);  // eight of each pixel
+      unrolled<7>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+        _mm512_mask_storeu_epi8(costs + (k + 1) * room - (7 - k) - 8 * k, ((uint64_t{1} << (7 - k)) - 1) << 8 * k, few);
+      });
+      column += 8, costs += 8 * room;
+      continue;
+    }
+    const Vec here = string_of(column);
+    const uint64_t* const right = strings + clamp(at + (shift ? shift[clamp(column, 0, last)] : 0), 0, most);
     for (ptrdiff_t i = 0; i < room; i += 64) {
-      const auto differing = [&](int k) STEREOPSIS_INLINE_LAMBDA {
-        return _mm512_popcnt_epi64(_mm512_xor_si512(here, load(right + i + 8 * k)));
-      };
-      Vec sum = _mm512_slli_epi64(differing(0), 56);
-      unrolled<8, 1>([&](auto k) STEREOPSIS_INLINE_LAMBDA { sum = _mm512_shrdi_epi64(sum, differing(k), 8); });
+      Vec sum = zero();
+      unrolled<8>([&](auto k) STEREOPSIS_INLINE_LAMBDA { sum = with_next(sum, here, load(right + i + 8 * k)); });
       sum = _mm512_permutexvar_epi8(by_string, sum);
       store(costs + i, Added ? _mm512_add_epi8(sum, load(costs + i)) : sum);
     }
+    ++column, costs += room;
   }
 }
 #endif
@@ -488,87 +596,181 @@ static void hamming(const HammingRow& row) {
   }
 }
 
-template <class Lane>
-static void aggregate(const AggregateRow& row) {
+// Blocks: vectors of candidates, from i on, that are followed along the row together.
+template <class Lane, int Blocks>
+static STEREOPSIS_INLINE void aggregate_from(const AggregateRow& given, size_t i) {
   constexpr int half = kBytes / 2;
+  const AggregateRow row = given;
   const Vec rounding = STEREOPSIS_V(set1_epi16)(static_cast<short>(1 << row.unit >> 1));
   const __m128i shift = _mm_cvtsi32_si128(row.unit);
-  Lane* out = static_cast<Lane*>(row.costs);
-  for (size_t i = 0; i < row.room; i += kBytes) {
-    // Three distances fit a byte (kMostAggregatedBits); their sums are kept in the order of unpacking, as words.
-    const auto column = [&](size_t at, Vec* words) {
-      const Vec sum = STEREOPSIS_V(add_epi8)(STEREOPSIS_V(add_epi8)(load(row.above + at), load(row.here + at)), load(row.below + at));
-      words[0] = STEREOPSIS_V(unpacklo_epi8)(sum, zero());
-      words[1] = STEREOPSIS_V(unpackhi_epi8)(sum, zero());
-    };
-    Vec one[2], two[2], next[2], total[2], sum[2];
-    column(i, one);
-    column(row.room + i, two);
-    for (int part = 0; part < 2; ++part) total[part] = STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(one[part], two[part]), rounding);
-    for (int x = 0; x < row.width; ++x) {
-      column((x + 2) * row.room + i, next);
+  Lane* out = static_cast<Lane*>(row.costs) + i;
+  // Three distances fit a byte (kMostAggregatedBits); their sums are kept in the order of unpacking, as words.
+  const auto column = [&](size_t at, Vec* words) STEREOPSIS_INLINE_LAMBDA {
+    const Vec sum = STEREOPSIS_V(add_epi8)(STEREOPSIS_V(add_epi8)(load(row.above + at), load(row.here + at)), load(row.below + at));
+    words[0] = STEREOPSIS_V(unpacklo_epi8)(sum, zero());
+    words[1] = STEREOPSIS_V(unpackhi_epi8)(sum, zero());
+  };
+  // The last two columns' sums, and both with the rounding.
+  Vec one[Blocks][2], two[Blocks][2], both[Blocks][2];
+  unrolled<Blocks>([&](auto block) STEREOPSIS_INLINE_LAMBDA {
+    column(i + block * kBytes, one[block]);
+    column(row.room + i + block * kBytes, two[block]);
+    for (int part = 0; part < 2; ++part)
+      both[block][part] = STEREOPSIS_V(add_epi16)(STEREOPSIS_V(add_epi16)(one[block][part], two[block][part]), rounding);
+  });
+  for (int x = 0; x < row.width; ++x, out += row.room)
+    unrolled<Blocks>([&](auto block) STEREOPSIS_INLINE_LAMBDA {
+      Vec next[2], sum[2];
+      column((x + 2) * row.room + i + block * kBytes, next);
       for (int part = 0; part < 2; ++part) {
-        total[part] = STEREOPSIS_V(add_epi16)(total[part], next[part]);
-        sum[part] = STEREOPSIS_V(srl_epi16)(total[part], shift);
-        total[part] = STEREOPSIS_V(sub_epi16)(total[part], one[part]);
-        one[part] = two[part];
-        two[part] = next[part];
+        const Vec total = STEREOPSIS_V(add_epi16)(both[block][part], next[part]);
+        sum[part] = STEREOPSIS_V(srl_epi16)(total, shift);
+        both[block][part] = STEREOPSIS_V(sub_epi16)(total, one[block][part]);
+        one[block][part] = two[block][part];
+        two[block][part] = next[part];
       }
-      Lane* to = out + x * row.room + i;
+      Lane* const to = out + block * kBytes;
       if constexpr (sizeof(Lane) == 1) {
         store(to, STEREOPSIS_V(packus_epi16)(sum[0], sum[1]));
       } else {
         store(to, joined_first(sum[0], sum[1]));
         store(to + half, joined_second(sum[0], sum[1]));
       }
-    }
-  }
+    });
+}
+template <class Lane>
+static void aggregate(const AggregateRow& row) {
+  constexpr int blocks = 2;
+  size_t i = 0;
+  for (; i + blocks * kBytes <= row.room; i += blocks * kBytes) aggregate_from<Lane, blocks>(row, i);
+  for (; i < row.room; i += kBytes) aggregate_from<Lane, 1>(row, i);
 }
 
 // ---- winners ---------------------------------------------------------------------------------------------------------------
 
-// The least of a pixel's sums, in the upper half, and its candidate's number in the lower. Where Right, every candidate's
-// is also offered to the right pixel that it means.
-template <bool Right>
-static STEREOPSIS_INLINE uint32_t least_sum(const uint16_t* sums, size_t room, const uint16_t* numbers, int from, uint32_t* right) {
-  constexpr int words = kBytes / 2;
-  const Vec start = STEREOPSIS_V(set1_epi16)(static_cast<short>(from));
-  Vec best = STEREOPSIS_V(set1_epi32)(-1);
-  for (size_t i = 0; i < room; i += words) {
-    const Vec sum = for_unpacking(load(sums + i)), number = STEREOPSIS_V(add_epi16)(start, load(numbers + i));
-    const Vec lo = STEREOPSIS_V(unpacklo_epi16)(number, sum), hi = STEREOPSIS_V(unpackhi_epi16)(number, sum);
-    best = STEREOPSIS_V(min_epu32)(best, STEREOPSIS_V(min_epu32)(lo, hi));
-    if constexpr (Right) {
-      store(right + i, STEREOPSIS_V(min_epu32)(lo, load(right + i)));
-      store(right + i + words / 2, STEREOPSIS_V(min_epu32)(hi, load(right + i + words / 2)));
-    }
-  }
-#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
-  return _mm512_reduce_min_epu32(best);
+constexpr size_t kVectorSums = kBytes / 2;
+// Pixels whose sums are offered to the right view together: what they mean fills one vector more than what one of them means.
+constexpr int kOffered = kVectorSums;
+
+
+static STEREOPSIS_INLINE int first_bit(uint64_t bits) {
+#if defined(_MSC_VER)
+  unsigned long at;
+  _BitScanForward64(&at, bits);
+  return static_cast<int>(at);
 #else
-  __m128i m = _mm_min_epu32(_mm256_castsi256_si128(best), _mm256_extracti128_si256(best, 1));
-  m = _mm_min_epu32(m, _mm_shuffle_epi32(m, 0x4E));
-  return static_cast<uint32_t>(_mm_cvtsi128_si32(_mm_min_epu32(m, _mm_shuffle_epi32(m, 0xB1))));
+  return __builtin_ctzll(bits);
 #endif
 }
-static STEREOPSIS_INLINE void number_candidates(uint16_t* numbers, size_t room) {
-  constexpr int words = kBytes / 2;
-  for (size_t i = 0; i < room; ++i) numbers[i] = static_cast<uint16_t>(i);
-  for (size_t i = 0; i < room; i += words) store(numbers + i, for_unpacking(load(numbers + i)));
+// Which of 64 sums are `v`.
+static STEREOPSIS_INLINE uint64_t equal_of_64(const uint16_t* sums, Vec v) {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  return static_cast<uint64_t>(_mm512_cmpeq_epi16_mask(load(sums + 32), v)) << 32 | _mm512_cmpeq_epi16_mask(load(sums), v);
+#else
+  const auto equal = [&](int i) STEREOPSIS_INLINE_LAMBDA {
+    const Vec both = _mm256_packs_epi16(_mm256_cmpeq_epi16(load(sums + i), v), _mm256_cmpeq_epi16(load(sums + i + 16), v));
+    return static_cast<uint64_t>(static_cast<uint32_t>(_mm256_movemask_epi8(_mm256_permute4x64_epi64(both, 0xD8))));
+  };
+  return equal(32) << 32 | equal(0);
+#endif
 }
-static STEREOPSIS_INLINE uint16_t least_of(const uint16_t* sums, size_t room) {
+// The least lane, in the lowest one of those that are returned.
+static STEREOPSIS_INLINE __m128i least_word(Vec v) {
+#if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
+  const __m256i half = _mm256_min_epu16(_mm512_castsi512_si256(v), _mm512_extracti64x4_epi64(v, 1));
+#else
+  const __m256i half = v;
+#endif
+  return _mm_minpos_epu16(_mm_min_epu16(_mm256_castsi256_si128(half), _mm256_extracti128_si256(half, 1)));
+}
+static STEREOPSIS_INLINE Vec least_words(const uint16_t* sums, size_t room) {
+  static_assert(kSgmBlock % (kBytes / 2) == 0 && kSgmBlock == 64, "whole vectors, and whole masks");
   Vec best = load(sums);
   for (size_t i = kBytes / 2; i < room; i += kBytes / 2) best = STEREOPSIS_V(min_epu16)(best, load(sums + i));
+  return best;
+}
+// The first of a pixel's least sums.
+static STEREOPSIS_INLINE int first_least(const uint16_t* sums, size_t room) {
+  const Vec least = Of<uint16_t>::broadcast(least_word(least_words(sums, room)));
+  size_t i = 0;
+  uint64_t equal = equal_of_64(sums, least);
+  while (!equal) i += 64, equal = equal_of_64(sums + i, least);
+  return static_cast<int>(i) + first_bit(equal);
+}
+static STEREOPSIS_INLINE uint16_t least_of(const uint16_t* sums, size_t room) {
+  return static_cast<uint16_t>(_mm_extract_epi16(least_word(least_words(sums, room)), 0));
+}
+static STEREOPSIS_INLINE uint16_t least_between(const uint16_t* sums, int begin, int end) {
+  constexpr int words = kBytes / 2;
+  uint16_t best = 65535;
+  if (end - begin < words) {
+    for (int i = begin; i < end; ++i) best = sums[i] < best ? sums[i] : best;
+    return best;
+  }
+  Vec v = load(sums + end - words);
+  for (int i = begin; i < end - words; i += words) v = STEREOPSIS_V(min_epu16)(v, load(sums + i));
+  return static_cast<uint16_t>(_mm_extract_epi16(least_word(v), 0));
+}
+
+// Offers the sums of `pixels` neighbouring pixels from x on, `room` each, to the right pixels that they mean, pixel k's first
+// candidate's being at least[base[k]]; whoever offers the least is its `best`, and the first of these. Where Alike, base[k] is
+// base[0] - k. `outside`: zeros for a pixel's candidates, and all ones for as many as a vector holds before and after.
+template <bool Alike>
+static STEREOPSIS_NOINLINE void offer(const uint16_t* sums, ptrdiff_t room, const uint16_t* outside, const ptrdiff_t* base, int x, int pixels,
+                                      uint16_t* least, uint16_t* best) {
+  constexpr ptrdiff_t words = kBytes / 2;
+  ptrdiff_t begin = base[0], end = base[0];
+  for (int k = 1; k < pixels; ++k) {
+    begin = base[k] < begin ? base[k] : begin;
+    end = base[k] > end ? base[k] : end;
+  }
+  end += room;
+  const Vec first = STEREOPSIS_V(set1_epi16)(static_cast<short>(x)), one = STEREOPSIS_V(set1_epi16)(1);
+  const auto at = [&](ptrdiff_t j, const auto& all) STEREOPSIS_INLINE_LAMBDA {
+    Vec lowest = load(least + j), who = load(best + j), here = first;
+    all([&](const uint16_t* offered, const uint16_t* hidden) STEREOPSIS_INLINE_LAMBDA {
+      const Vec sum = hidden ? either(load(offered), load(hidden)) : load(offered);
+      const Vec lower = STEREOPSIS_V(min_epu16)(lowest, sum);
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
-  const __m256i half = _mm256_min_epu16(_mm512_castsi512_si256(best), _mm512_extracti64x4_epi64(best, 1));
+      who = _mm512_mask_mov_epi16(here, _mm512_cmpeq_epi16_mask(lower, lowest), who);
 #else
-  const __m256i half = best;
+      who = _mm256_blendv_epi8(here, who, _mm256_cmpeq_epi16(lower, lowest));
 #endif
-  return static_cast<uint16_t>(_mm_extract_epi16(
-      _mm_minpos_epu16(_mm_min_epu16(_mm256_castsi256_si128(half), _mm256_extracti128_si256(half, 1))), 0));
+      lowest = lower;
+    }, here);
+    store(least + j, lowest);
+    store(best + j, who);
+  };
+  if (Alike && pixels == kOffered) {
+    const ptrdiff_t apart = room + 1;
+    for (ptrdiff_t j = begin; j < end; j += words) {
+      const ptrdiff_t i = j - base[0];
+      const bool within = i >= 0 && i + kOffered - 1 + words <= room;
+      const auto offered = [&](auto hidden) STEREOPSIS_INLINE_LAMBDA {
+        at(j, [&](const auto& take, Vec& here) STEREOPSIS_INLINE_LAMBDA {
+          unrolled<kOffered>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
+            take(sums + i + k * apart, hidden ? outside + words + i + k : nullptr);
+            here = STEREOPSIS_V(add_epi16)(here, one);
+          });
+        });
+      };
+      within ? offered(std::false_type{}) : offered(std::true_type{});
+    }
+    return;
+  }
+  for (ptrdiff_t j = begin; j < end; j += words)
+    at(j, [&](const auto& take, Vec& here) STEREOPSIS_INLINE_LAMBDA {
+      for (int k = 0; k < pixels; ++k) {
+        if (j > base[k] - words && j < base[k] + room) take(sums + k * room + (j - base[k]), outside + words + (j - base[k]));
+        here = STEREOPSIS_V(add_epi16)(here, one);
+      }
+    });
 }
 
 #else
+
+constexpr size_t kVectorSums = 0;
+constexpr int kOffered = 8;
 
 // ---- plain loops -----------------------------------------------------------------------------------------------------------
 
@@ -672,48 +874,59 @@ static void aggregate(const AggregateRow& row) {
   }
 }
 
-template <bool Right>
-static STEREOPSIS_INLINE uint32_t least_sum(const uint16_t* STEREOPSIS_RESTRICT sums, size_t room,
-                                            const uint16_t* STEREOPSIS_RESTRICT numbers, int from,
-                                            uint32_t* STEREOPSIS_RESTRICT right) {
-  uint32_t best = ~0u;
-  for (size_t i = 0; i < room; ++i) {
-    const uint32_t key = static_cast<uint32_t>(sums[i]) << 16 | static_cast<uint32_t>(numbers[i] + from);
-    best = key < best ? key : best;
-    if (Right) right[i] = key < right[i] ? key : right[i];
-  }
-  return best;
-}
-static STEREOPSIS_INLINE void number_candidates(uint16_t* numbers, size_t room) {
-  for (size_t i = 0; i < room; ++i) numbers[i] = static_cast<uint16_t>(i);
-}
-static STEREOPSIS_INLINE uint16_t least_of(const uint16_t* sums, size_t room) {
+static STEREOPSIS_INLINE uint16_t least_between(const uint16_t* sums, int begin, int end) {
   uint16_t best = 65535;
-  for (size_t i = 0; i < room; ++i) best = sums[i] < best ? sums[i] : best;
+  for (int i = begin; i < end; ++i) best = sums[i] < best ? sums[i] : best;
   return best;
+}
+static STEREOPSIS_INLINE uint16_t least_of(const uint16_t* sums, size_t room) { return least_between(sums, 0, static_cast<int>(room)); }
+static STEREOPSIS_INLINE int first_least(const uint16_t* sums, size_t room) {
+  const uint16_t least = least_of(sums, room);
+  int i = 0;
+  while (sums[i] != least) ++i;
+  return i;
+}
+template <bool Alike>
+static STEREOPSIS_INLINE void offer(const uint16_t* sums, ptrdiff_t room, const uint16_t*, const ptrdiff_t* base, int x, int pixels,
+                                    uint16_t* all_least, uint16_t* all_best) {
+  for (int k = 0; k < pixels; ++k) {
+    const uint16_t* STEREOPSIS_RESTRICT offered = sums + k * room;
+    uint16_t *STEREOPSIS_RESTRICT least = all_least + base[k], *STEREOPSIS_RESTRICT best = all_best + base[k];
+    const uint16_t here = static_cast<uint16_t>(x + k);
+    for (ptrdiff_t i = 0; i < room; ++i) {
+      best[i] = offered[i] < least[i] ? here : best[i];
+      least[i] = offered[i] < least[i] ? offered[i] : least[i];
+    }
+  }
 }
 
 #endif
 
-static void winners(const WinnerRow& row) {
+// Room: what there is for a pixel's candidates, or 0 where only `row` knows.
+template <size_t Room>
+static void winners_of(const WinnerRow& row) {
   const Pair& pair = *row.pair;
   const int W = pair.width, count = row.count;
-  const size_t room = row.room, width = static_cast<size_t>(W), reach = width + pair.count + room;
+  const size_t room = Room ? Room : row.room, width = static_cast<size_t>(W), reach = winner_reach(pair, room);
   const bool left_right = row.settings->left_right, uniqueness = row.settings->uniqueness;
   int32_t *winner = row.scratch, *cost = winner + W, *before = cost + W, *after = before + W, *second = after + W;
   int32_t* claims = second + W;  // 2 W + 1
-  uint16_t* numbers = reinterpret_cast<uint16_t*>(claims + 2 * width + 1);
-  number_candidates(numbers, room);
-  if (left_right)
-    for (size_t j = 0; j < reach; ++j) row.right[j] = ~0u;
-  // Pixels far apart in turn: what one has offered to the right view is not asked for again at once.
-  for (size_t start = 0; start < room && start < width; ++start)
-    for (size_t x = start; x < width; x += room) {
+  // By right pixels, from right to left: the index of the winner, and before it is known its sum and its left pixel.
+  int32_t* const right = row.right;
+  uint16_t *least = reinterpret_cast<uint16_t*>(right + reach), *best = least + reach, *outside = best + reach;
+  if (left_right) {
+    for (size_t j = 0; j < reach; ++j) least[j] = 65535;
+    for (size_t i = 0; i < kSgmBlock + room + kSgmBlock; ++i) outside[i] = i < kVectorSums || i >= kVectorSums + room ? 65535 : 0;
+  }
+  for (int begin = 0; begin < W; begin += kOffered) {
+    const int pixels = W - begin < kOffered ? W - begin : kOffered;
+    ptrdiff_t base[kOffered];
+    for (int k = 0; k < pixels; ++k) {
+      const int x = begin + k;
       uint16_t* sums = row.sums + x * room;
       const int from = row.shift ? row.shift[x] - row.least_shift : 0;
-      const uint32_t best = left_right ? least_sum<true>(sums, room, numbers, from, row.right + (width - 1 - x) + from)
-                                       : least_sum<false>(sums, room, numbers, from, nullptr);
-      const int i = static_cast<int>(best & 65535) - from;
+      base[k] = static_cast<ptrdiff_t>(W - 1 - x) + from;
+      const int i = first_least(sums, room);
       const int32_t here = sums[i];
       const bool has_before = i > 0 && sums[i - 1] != 65535, has_after = i + 1 < count && sums[i + 1] != 65535;
       winner[x] = i + from;
@@ -725,13 +938,20 @@ static void winners(const WinnerRow& row) {
       const int lo = i > 0 ? i - 1 : 0, hi = i + 1 < count ? i + 1 : i;
       uint16_t kept[3];
       for (int k = lo; k <= hi; ++k) kept[k - lo] = sums[k], sums[k] = 65535;
-      const uint16_t least = least_of(sums, room);
-      second[x] = least == 65535 ? worst_cost<int32_t>() : least;
+      const uint16_t next = least_of(sums, room);
+      second[x] = next == 65535 ? worst_cost<int32_t>() : next;
       for (int k = lo; k <= hi; ++k) sums[k] = kept[k - lo];
     }
-  int32_t* right = reinterpret_cast<int32_t*>(row.right);
+    // From left to right, so that of equal sums the first candidate's stays.
+    const uint16_t* const sums = row.sums + begin * room;
+    if (left_right && row.shift)
+      offer<false>(sums, static_cast<ptrdiff_t>(room), outside, base, begin, pixels, least, best);
+    else if (left_right)
+      offer<true>(sums, static_cast<ptrdiff_t>(room), outside, base, begin, pixels, least, best);
+  }
   if (left_right)
-    for (size_t j = 0; j < reach; ++j) right[j] = row.right[j] >= 65535u << 16 ? -1 : static_cast<int32_t>(row.right[j] & 65535);
+    for (size_t j = 0; j < reach; ++j)
+      right[j] = least[j] == 65535 ? -1 : static_cast<int32_t>((best[j] + j - (width - 1)) & 65535);
   if (row.shift)
     for (int x = 0; x < W; ++x) {
       // A pixel of whose own candidates none is in view, though others' would be, passes through as any of these.
@@ -750,11 +970,7 @@ static void winners(const WinnerRow& row) {
     }
 }
 
-static uint16_t least_between(const uint16_t* sums, int begin, int end) {
-  uint16_t best = 65535;
-  for (int i = begin; i < end; ++i) best = sums[i] < best ? sums[i] : best;
-  return best;
-}
+static void winners(const WinnerRow& row) { row.room == 128 ? winners_of<128>(row) : winners_of<0>(row); }
 
 static Beyond hide(uint16_t* sums, int lo, int hi, int count) {
   lo = lo < hi ? lo : hi;

@@ -12,21 +12,116 @@ namespace stereopsis {
 
 namespace {
 
+constexpr int kLines = 16;  // lines solved side by side: a cache line of floats
 // Of what no data speak; small, but its smoothed traces stay far from denormal numbers.
 constexpr float kUnknown = 1e-6f, kNoRise = 1e-12f;
 constexpr float kSteepest = 1.5f, kSlopeStrength = 300.0f;
 
+// Lines k to k + kLines - 1, sample by sample: rows of the image, or its columns.
+struct Strip {
+  int height, width, first;
+  bool rows;
+  int length() const { return rows ? width : height; }
+  int lines() const { return std::min(kLines, (rows ? height : width) - first); }
+  // Rows are turned square by square, which the nearest cache holds.
+  void load(const float* STEREOPSIS_RESTRICT plane, float* STEREOPSIS_RESTRICT samples) const {
+    const int n = length(), m = lines();
+    for (int from = 0; rows && from < n; from += kLines)
+      for (int k = 0; k < kLines; ++k) {
+        const float* line = plane + static_cast<size_t>(first + std::min(k, m - 1)) * width;
+        for (int i = from; i < std::min(from + kLines, n); ++i) samples[i * kLines + k] = line[i];
+      }
+    for (int i = 0; !rows && i < n; ++i) {
+      const float* line = plane + static_cast<size_t>(i) * width + first;
+      if (m == kLines)
+        for (int k = 0; k < kLines; ++k) samples[i * kLines + k] = line[k];
+      else
+        for (int k = 0; k < kLines; ++k) samples[i * kLines + k] = line[std::min(k, m - 1)];
+    }
+  }
+  // How high the surface with these slopes stands above its first sample.
+  void load_heights(const Slopes& slopes, float* STEREOPSIS_RESTRICT samples) const {
+    const float* const cells = rows ? slopes.right.data() : slopes.down.data();
+    const int n = length(), m = lines();
+    float heights[kLines] = {}, steps[kLines];
+    for (int i = 0; i < n; ++i) {
+      if (i % kCell == 0)
+        for (int k = 0; k < kLines; ++k) {
+          const int line = first + std::min(k, m - 1);
+          steps[k] = cells[rows ? slopes.cell(line, i) : slopes.cell(i, line)];
+        }
+      for (int k = 0; k < kLines; ++k) {
+        samples[i * kLines + k] = heights[k];
+        heights[k] += steps[k];
+      }
+    }
+  }
+  void store(const float* STEREOPSIS_RESTRICT samples, float* STEREOPSIS_RESTRICT plane) const {
+    const int n = length(), m = lines();
+    for (int from = 0; rows && from < n; from += kLines)
+      for (int k = 0; k < m; ++k) {
+        float* line = plane + static_cast<size_t>(first + k) * width;
+        for (int i = from; i < std::min(from + kLines, n); ++i) line[i] = samples[i * kLines + k];
+      }
+    for (int i = 0; !rows && i < n; ++i) std::copy_n(samples + i * kLines, m, plane + static_cast<size_t>(i) * width + first);
+  }
+};
+
+// Elimination, from the first sample on: of the matrix it leaves the factors of the way back. Values, counted from `rise`, are
+// weighted on the way. Only sums of positive terms.
+void eliminate(const float* STEREOPSIS_RESTRICT edges, const float* STEREOPSIS_RESTRICT rise, int n, float strength,
+               float* STEREOPSIS_RESTRICT value, float* STEREOPSIS_RESTRICT weight, float* STEREOPSIS_RESTRICT back) {
+  float left[kLines] = {}, before[kLines] = {}, value_before[kLines] = {}, weight_before[kLines] = {};
+  for (int i = 0; i < n; ++i, edges += kLines, value += kLines, weight += kLines, back += kLines) {
+    const float on = i + 1 < n ? strength : 0.0f;
+    for (int k = 0; k < kLines; ++k) {
+      const float next = on * edges[k], kept = 1 + left[k], pivot = 1 / (kept + next);
+      const float w = weight[k], v = (rise ? value[k] - rise[k] : value[k]) * w;
+      back[k] = next * pivot;
+      left[k] = next * (kept * pivot);
+      value_before[k] = value[k] = (v + before[k] * value_before[k]) * pivot;
+      weight_before[k] = weight[k] = (w + before[k] * weight_before[k]) * pivot;
+      before[k] = next;
+    }
+    if (rise) rise += kLines;
+  }
+}
+
+// The way back, from the last sample; then values are divided by their weights.
+void substitute(const float* STEREOPSIS_RESTRICT rise, const float* STEREOPSIS_RESTRICT back, int n, float* STEREOPSIS_RESTRICT value,
+                float* STEREOPSIS_RESTRICT weight) {
+  float v[kLines] = {}, w[kLines] = {};
+  for (int at = (n - 1) * kLines; at >= 0; at -= kLines)
+    for (int k = 0; k < kLines; ++k) {
+      v[k] = value[at + k] + back[at + k] * v[k];
+      w[k] = weight[at + k] + back[at + k] * w[k];
+      weight[at + k] = w[k];
+      value[at + k] = rise ? v[k] / w[k] + rise[at + k] : v[k] / w[k];
+    }
+}
+
 void smooth_lines(const std::vector<Weighed>& fields, const Slopes* slopes, int height, int width, const float* edges, bool rows,
-                  float strength, SmoothKernel kernel, const Workers& workers) {
+                  float strength, const Workers& workers) {
   const int count = rows ? height : width, n = rows ? width : height;
   parallel_rows((count + kLines - 1) / kLines, workers.threads, workers.interrupted,
                 [&](int begin, int end, const Cancel& cancel) {
-    const Unset<float> memory(5 * static_cast<size_t>(n) * kLines);
-    const float* const cells = !slopes ? nullptr : rows ? slopes->right.data() : slopes->down.data();
-    for (int strip = begin; strip < end && !cancel.load(std::memory_order_relaxed); ++strip)
-      kernel({height, width, strip * kLines, rows, fields.data(), static_cast<int>(fields.size()), cells, slopes ? slopes->wide : 0, edges,
-              strength},
-             memory.get());
+    const size_t size = static_cast<size_t>(n) * kLines;
+    std::vector<float> memory(5 * size);
+    float *edge = memory.data(), *back = edge + size, *value = back + size, *weight = value + size;
+    float* const rise = slopes ? weight + size : nullptr;
+    for (int strip = begin; strip < end && !cancel.load(std::memory_order_relaxed); ++strip) {
+      const Strip lines{height, width, strip * kLines, rows};
+      lines.load(edges, edge);
+      if (slopes) lines.load_heights(*slopes, rise);
+      for (const Weighed& field : fields) {
+        lines.load(field.value, value);
+        lines.load(field.weight, weight);
+        eliminate(edge, rise, n, strength, value, weight, back);
+        substitute(rise, back, n, value, weight);
+        lines.store(value, field.value);
+        lines.store(weight, field.weight);
+      }
+    }
   });
 }
 
@@ -104,16 +199,16 @@ EdgeWeights edge_weights(const int32_t* guide, int height, int width, int channe
 }
 
 void smooth(const std::vector<Weighed>& fields, const Slopes* slopes, int height, int width, const EdgeWeights& edges,
-            float strength, int iterations, SmoothKernel kernel, const Workers& workers) {
+            float strength, int iterations, const Workers& workers) {
   for (int t = 0; t < iterations; ++t) {
     const float share = static_cast<float>(1.5 * std::pow(4.0, iterations - 1 - t) / (std::pow(4.0, iterations) - 1)) * strength;
-    smooth_lines(fields, slopes, height, width, edges.right.get(), true, share, kernel, workers);
-    smooth_lines(fields, slopes, height, width, edges.down.get(), false, share, kernel, workers);
+    smooth_lines(fields, slopes, height, width, edges.right.get(), true, share, workers);
+    smooth_lines(fields, slopes, height, width, edges.down.get(), false, share, workers);
   }
 }
 
 Slopes surface_slopes(const float* disparity, const int32_t* guide, int height, int width, int channels, const float* table,
-                         int length, SmoothKernel kernel, const Workers& workers) {
+                         int length, const Workers& workers) {
   const int high = (height + kCell - 1) / kCell, wide = (width + kCell - 1) / kCell;
   const size_t cells = static_cast<size_t>(high) * wide;
   std::vector<int32_t> mean(cells * channels);
@@ -147,7 +242,7 @@ Slopes surface_slopes(const float* disparity, const int32_t* guide, int height, 
   }
   const EdgeWeights edges = edge_weights(mean.data(), high, wide, channels, table, length, workers);
   smooth({{rise[0].data(), weight[0].data()}, {rise[1].data(), weight[1].data()}}, nullptr, high, wide, edges, kSlopeStrength, 2,
-         kernel, workers);
+         workers);
   for (auto& rises : rise)
     for (float& value : rises) value = std::min(std::max(value, -kSteepest), kSteepest);
   return {wide, std::move(rise[0]), std::move(rise[1])};

@@ -182,22 +182,22 @@ void merge_window(const Hypothesis& other, CostKind kind, int height, int width,
                   const Workers& workers);
 
 // ---- rectify: what the right image lies too low or too high ----------------------------------------------------------
-// Half the sides of a window of 2 x + 1 by 2 y + 1 pixels.
-struct HalfWindow {
-  int x, y;
-};
-struct RowKernels;
 // The rounded means of 2 x 2 pixels each; an odd last row or column is left out.
 void halve(const uint8_t* image, int height, int width, uint8_t* means, const RowKernels& kernels, const Workers& workers);
 // In each whole tile the column and row, every `stride` pixels, whose window has the largest smaller eigenvalue of its
 // summed products of gradients; of equal ones the first. -1, -1 where none exceeds `least`. `found` is (rows, columns, 2).
-void corners(const uint8_t* image, int height, int width, int tile, int stride, const HalfWindow& reach, double least, int32_t* found,
+// Windows have kTrackedColumns columns here, and 2 `reach` + 1 rows.
+void corners(const uint8_t* image, int height, int width, int tile, int stride, int reach, double least, int32_t* found,
              const RowKernels& kernels, const Workers& workers);
 // Where points (x, y) of the left image went, in columns and rows: Lucas and Kanade's iterations from the motion that is
 // given, with each window's mean and gain removed. The correlation is NaN where a window leaves its image or is flat.
-void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count,
-           const HalfWindow& reach, int iterations, double* motion, double* correlation, const RowKernels& kernels,
-           const Workers& workers);
+void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count, int reach,
+           int iterations, double* motion, double* correlation, const RowKernels& kernels, const Workers& workers);
+// The field f0 + f1 across + f2 down that most of `rows` agree on: weights (1 + r^2 / 4 s^2)^-2, s the robust deviation of the
+// residuals r, iterated from the median until nothing changes by `settled`; each slope is drawn towards 0 as if seen once with
+// a deviation of `slope`. Returns the variance of the field, on average over coordinates from -1/2 to 1/2.
+double fit_rows(const double* across, const double* down, const double* rows, int count, double slope, double settled,
+                double* field);
 // The image at (x, y + offset(x, y)), by cubic convolution along the column.
 template <class T>
 void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
@@ -248,7 +248,7 @@ void judge(const Evidence& seen, const Verdict& verdict, int height, int width, 
            float* trust, const Workers& workers);
 
 // ---- refine ----------------------------------------------------------------------------------------------------------
-// Median over a size x size window of the pixels that have a value; pixels without one stay without.
+// Median over a size x size window of the pixels that have a value; pixels without one stay without. `filtered` may be the map.
 void median(const float* disparity, int height, int width, int size, float* filtered, const RowKernels& kernels,
             const Workers& workers);
 
@@ -257,9 +257,6 @@ void median(const float* disparity, int height, int width, int size, float* filt
 struct PlanarKernel;
 void planar(const float* disparity, int height, int width, const Window& window, float tolerance, int iterations, float* smooth,
             const PlanarKernel& kernel, const Workers& workers);
-// See smooth.hpp.
-struct Strip;
-using SmoothKernel = void (*)(const Strip& strip, float* memory);
 // A guide image of int32 pixels (H, W, channels), and how alike two pixels are by the largest difference k of their channels:
 // fine[k] where disparities are smoothed, coarse[k] where slopes are; the last of `length` entries for all beyond.
 struct SurfaceGuide {
@@ -268,7 +265,6 @@ struct SurfaceGuide {
   const float *fine, *coarse;
   int length;
   float strength;
-  SmoothKernel kernel;
 };
 // Median over a size x size window, size up to 11, of those pixels that have a value, each weighted by how much it looks like
 // the middle one: ((255 - slope difference / 16)+)^2 / 256, at least 1. Values count in steps of 2^-k, the finest in which the

@@ -76,7 +76,7 @@ RowRefusal row_of(const Refusal& refused, int y, int width) {
 void refuse_dull_bytes(const uint8_t* image, int height, int width, const Window& window, uint16_t most, const Refusal& refused,
                        const RowKernels& kernels, const Workers& workers) {
   const int64_t pixels = static_cast<int64_t>(height) * width;
-  quick_rows(height, pixels, 1 << 18, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_rows(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     // Columns from `left` before the first on, edge columns repeated.
     const int left = window.left();
     std::vector<uint16_t> columns(static_cast<size_t>(width) + window.width + kRowRoom), sums(static_cast<size_t>(width) + kRowRoom);
@@ -221,13 +221,12 @@ void each_speckle(const float* disparity, int height, int width, int area, float
     if (pixels[parent[k]] < area) visit(first[k], last[k] + 1 - first[k]);
 }
 
-// One after the other: bands that are joined afterwards would take longer for images of usual size.
+// On one thread: to join what bands have found takes as long as they save.
 template <class Visit>
 void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
                   const Workers& workers, Visit visit) {
   if (!width) return;
-  const int64_t pixels = static_cast<int64_t>(height) * width;
-  quick_rows(1, pixels, 1 << 16, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
     each_speckle(disparity, height, width, area, difference, kernels, cancel, visit);
   });
 }
@@ -244,9 +243,12 @@ void speckle(const float* disparity, int height, int width, int area, float diff
 void refuse_speckle(int height, int width, int area, float difference, const Refusal& refused, const RowKernels& kernels,
                     const Workers& workers) {
   each_speckle(refused.disparity, height, width, area, difference, kernels, workers, [&](int first, int pixels) {
-    std::fill_n(refused.disparity + first, pixels, std::numeric_limits<float>::quiet_NaN());
-    std::fill_n(refused.confidence + first, pixels, 0.0f);
-    for (int k = first; k < first + pixels; ++k) refused.flags[k] |= refused.bit;
+    // One loop: runs are short, and each loop's end is a guess of the processor's that fails.
+    for (int k = first; k < first + pixels; ++k) {
+      refused.disparity[k] = std::numeric_limits<float>::quiet_NaN();
+      refused.confidence[k] = 0;
+      refused.flags[k] |= refused.bit;
+    }
   });
 }
 

@@ -515,7 +515,7 @@ class TestDemo:
         out = run(capsys, "demo", "-o", str(tmp_path), "--size", "96x48", "--set", "cost=sad")
         assert all(word in out for word in ("96 x 48", "density", "EPE", "points.ply"))
 
-    @pytest.mark.parametrize("size", ["96", "96x", "0x48", "96x48x2", "-1x5"])
+    @pytest.mark.parametrize("size", ["96", "96x", "0x48", "96x48x2", "-1x5", "5x5", "1x1"])
     def test_size_refused(self, size: str, tmp_path: Path, capsys: Capture) -> None:
         refuse(capsys, "demo", "-o", str(tmp_path / "demo"), "--size", size)
         assert not (tmp_path / "demo").exists()

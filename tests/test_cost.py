@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from reference import cost as reference
-from stereopsis import aggregate, cost
+from stereopsis import _core, aggregate, cost
 from stereopsis.types import Disparities
 
 KINDS = ("sad", "ssd", "zsad", "zssd", "ncc", "zncc")
@@ -131,6 +131,16 @@ def test_grey_is_rounded_as_opencv_rounds(dtype):
     # 0.299 * 255 = 76.245, 0.587 * 255 = 149.685, 0.114 * 255 = 29.07, 0.299 + 1.174 + 0.342 = 1.815
     np.testing.assert_array_equal(cost.grey(rgb)[0, :, 0], [255, 76, 150, 29, 2, 0])
     assert cost.grey(rgb).dtype == dtype
+
+
+@pytest.mark.parametrize("instructions", _core.instruction_sets())
+@pytest.mark.parametrize("dtype", [np.uint8, np.int32])
+def test_grey_of_any_width(dtype, instructions):
+    for width in (*range(1, 70), 881):
+        rgb = np.random.default_rng(width).integers(0, 256, (2, width, 3)).astype(dtype)
+        found = np.empty((2, width, 1), dtype)
+        _core.grey(rgb, found, 1, instructions)
+        np.testing.assert_array_equal(found[..., 0], (rgb @ [9798, 19235, 3735] + 2**14) >> 15)
 
 
 def test_grey_of_16_bits_and_of_fixed_point():

@@ -212,6 +212,21 @@ def test_strings_of_any_image(images, window, pattern):
 
 
 @pytest.mark.parametrize("instructions", instruction_sets())
+@pytest.mark.parametrize("dtype", [np.uint8, np.int32])
+@pytest.mark.parametrize("width", [63, 64, 129])
+def test_strings_of_many_pixels_at_a_time(monkeypatch, instructions, dtype, width):
+    monkeypatch.setenv(ENVIRONMENT, instructions)
+    image = np.random.default_rng(width).integers(0, 256, (3, width)).astype(dtype)
+    for window in (9, 7), (11, 11):  # one word with bits to spare, and two
+        strings = pixelwise.census(image, st.Census(window).comparisons)
+        expected = reference.census(image.astype(np.int64), window, "dense")
+        k = np.arange(64 * len(strings))
+        bits = strings[k // 64].transpose(1, 2, 0) >> (k % 64).astype(np.uint64) & np.uint64(1)
+        np.testing.assert_array_equal(bits[..., : expected.shape[2]], expected)
+        assert not bits[..., expected.shape[2] :].any()
+
+
+@pytest.mark.parametrize("instructions", instruction_sets())
 def test_every_instruction_set(monkeypatch, instructions):
     left, right = bytes_of(4, (7, 333, 1)), bytes_of(5, (7, 333, 1))
     for each in (st.Census(5), st.Census(11, aggregation=(5, 1)), *EVERY_COST):

@@ -159,6 +159,14 @@ def test_median_of_any_map(shape, size, invalid, threads, seed):
     filtered = refine.median(disparity, size, threads)
     np.testing.assert_allclose(filtered, reference.median(disparity, size), rtol=2e-7)
     np.testing.assert_array_equal(disparity, before)
+    assert refine.median(disparity, size, threads, into=disparity) is disparity
+    np.testing.assert_array_equal(disparity, filtered)
+
+
+def test_median_into_what_has_gaps():
+    disparity = np.zeros((4, 6), np.float32)
+    with pytest.raises(ValueError, match="into must be contiguous"):
+        refine.median(disparity[:, :3], 3, into=disparity[:, :3])
 
 
 # ---- planar ---------------------------------------------------------------------------------------

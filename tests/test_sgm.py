@@ -185,6 +185,29 @@ def test_penalties_adapted_to_the_gradient():
 # ---- streaming = composed ------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("instructions", SETS)
+def test_of_equal_sums_both_views_take_the_first(monkeypatch, instructions):
+    monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
+    # Every eighth candidate matches, all along. The first one is disparity 0, in both views.
+    line = np.random.default_rng(3).integers(0, 256, 8).astype(np.uint8)
+    image = np.tile(line, (9, 40))
+    result = st.match(image, image, disparities=(0, 128), cost=Census(), optimize=SGM(), left_right=0)
+    inside = np.s_[:, 132:-8]
+    assert (result.disparity[inside] == 0).all()
+    assert (result.flags[inside] == 0).all()
+
+
+@pytest.mark.parametrize("instructions", SETS)
+@pytest.mark.parametrize(("width", "count"), [(150, 128), (203, 128), (97, 64), (170, 130)])
+@pytest.mark.parametrize("p2", [86, 127, 128])
+def test_rows_of_many_vectors(monkeypatch, instructions, width, count, p2):
+    # Two paths' costs are summed in bytes where P2 <= 127; whole vectors of pixels are matched together.
+    both(
+        monkeypatch, *images(width + p2, (19, width), shift=9), (instructions,), (1, 2),
+        disparities=(-2, count - 2), cost=Census((9, 7)), optimize=SGM(p1=7, p2=p2), left_right=1,
+    )  # fmt: skip
+
+
 def both(monkeypatch, left, right, instructions=SETS, threads=(1, 2, 7), **chosen):
     definition = st.match(left, right, keep=("costs",), **chosen)
     assert definition.path == "composed"

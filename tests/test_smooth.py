@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from reference import smooth as reference
-from stereopsis import _core, _instructions, smooth
+from stereopsis import smooth
 
 N = np.nan
 
@@ -115,13 +115,3 @@ def test_threads_change_no_bit(shape):
         one = filtered(1)
         for threads in (2, 7):
             np.testing.assert_array_equal(filtered(threads), one)
-
-
-@pytest.mark.parametrize("shape", [(37, 53), (16, 16), (1, 40), (40, 1)])
-def test_instruction_sets_change_no_bit(shape, monkeypatch):
-    disparity, image = case(3, shape, 3, 0.3)
-    found = []
-    for instructions in _core.instruction_sets():
-        monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
-        found.append(smooth.edge_aware(disparity, image).tobytes())
-    assert len(set(found)) == 1

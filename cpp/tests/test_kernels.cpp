@@ -21,7 +21,6 @@
 #include "../planes.hpp"
 #include "../rows.hpp"
 #include "../sgm.hpp"
-#include "../smooth.hpp"
 #include "../stages.hpp"
 
 using namespace stereopsis;
@@ -50,6 +49,12 @@ struct Random {
 };
 
 const Workers kAlone{1, [] { return false; }};
+
+// One of the builds that this machine can run.
+const RowKernels& any_rows(Random& random) {
+  const auto kernels = available_kernels();
+  return choose_rows(kernels[random.below(static_cast<int>(kernels.size()))]->name);
+}
 
 int clamp(int v, int lo, int hi) { return std::min(std::max(v, lo), hi); }
 
@@ -461,6 +466,33 @@ void test_grey() {
   }
   CHECK(right, "grey");
   CHECK(out8[0] == 255 && out[0] == 1 << 21, "white stays white");
+  // Rows of every length end where the memory does.
+  for (int width = 1; width < 100; ++width) {
+    std::vector<uint8_t> row(3 * width), found(width);
+    for (uint8_t& value : row) value = static_cast<uint8_t>(random.below(256));
+    grey(row.data(), 1, width, found.data(), any_rows(random), kAlone);
+    bool same = true;
+    for (int k = 0; k < width; ++k)
+      same = same && found[k] == (9798 * row[3 * k] + 19235 * row[3 * k + 1] + 3735 * row[3 * k + 2] + (1 << 14)) >> 15;
+    CHECK(same, "width " + text(width));
+  }
+}
+
+void test_halving() {
+  Random random{6};
+  for (int round = 0; round < 40; ++round) {
+    const int H = random.between(1, 7), W = random.between(1, 150);
+    std::vector<uint8_t> image(static_cast<size_t>(H) * W), means(static_cast<size_t>(H / 2) * (W / 2));
+    for (uint8_t& value : image) value = static_cast<uint8_t>(random.below(256));
+    halve(image.data(), H, W, means.data(), any_rows(random), kAlone);
+    bool right = true;
+    for (int y = 0; y < H / 2; ++y)
+      for (int x = 0; x < W / 2; ++x) {
+        const uint8_t* const at = &image[2 * y * W + 2 * x];
+        right = right && means[y * (W / 2) + x] == (at[0] + at[1] + at[W] + at[W + 1] + 2) / 4;
+      }
+    CHECK(right, text(H) + "x" + text(W));
+  }
 }
 
 void test_terms_and_box() {
@@ -696,13 +728,29 @@ void test_texture() {
         right = right && std::fabs(mean[y * p.width + x] - expected) <= 1e-6 * expected;
       }
     CHECK(right, p.told());
+    const float least = random.below(4) ? mean[random.below(static_cast<int>(mean.size()))] : 1e9f;
+    std::vector<float> disparity(mean.size(), 3), confidence(mean.size(), 1);
+    std::vector<uint8_t> flags(mean.size(), 2), bytes(p.left.begin(), p.left.end());
+    const Refusal refused{disparity.data(), confidence.data(), flags.data(), 8};
+    const Workers workers{random.between(1, 9), [] { return false; }};
+    if (round % 2)
+      refuse_dull(p.left.data(), p.height, p.width, p.channels, p.window, least, refused, any_rows(random), workers);
+    else
+      refuse_dull(bytes.data(), p.height, p.width, p.channels, p.window, least, refused, any_rows(random), workers);
+    right = true;
+    for (size_t k = 0; k < mean.size(); ++k) {
+      const bool low = mean[k] < least;
+      right = right && std::isnan(disparity[k]) == low && confidence[k] == (low ? 0 : 1) && flags[k] == (low ? 10 : 2);
+    }
+    CHECK(right, p.told() + " refused");
   }
 }
 
 void test_speckle() {
   Random random{9};
   for (int round = 0; round < 60; ++round) {
-    const int H = random.between(1, 9), W = random.between(1, 9), area = random.below(12);
+    const int H = random.between(1, 9), W = random.below(4) ? random.between(1, 9) : 64 + random.between(-2, 2);
+    const int area = random.below(12);
     const float difference = static_cast<float>(random.below(4)) * 0.5f;
     std::vector<float> map;
     for (int k = 0; k < H * W; ++k)
@@ -726,6 +774,12 @@ void test_speckle() {
       const auto pixels = std::count(label.begin(), label.end(), label[k]);
       right = right && found[k] == (!std::isnan(map[k]) && pixels < area ? 1 : 0);
     }
+    std::vector<float> refused = map, confidence(map.size(), 1);
+    std::vector<uint8_t> flags(map.size(), 1);
+    refuse_speckle(H, W, area, difference, {refused.data(), confidence.data(), flags.data(), 64}, any_rows(random), kAlone);
+    for (int k = 0; k < H * W; ++k)
+      right = right && std::isnan(refused[k]) == (found[k] || std::isnan(map[k])) && confidence[k] == (found[k] ? 0 : 1) &&
+              flags[k] == (found[k] ? 65 : 1);
     CHECK(right, text(H) + "x" + text(W) + " area " + text(area));
   }
 }
@@ -785,12 +839,6 @@ void test_label() {
   }
 }
 
-// One of the builds that this machine can run.
-const RowKernels& any_rows(Random& random) {
-  const auto kernels = available_kernels();
-  return choose_rows(kernels[random.below(static_cast<int>(kernels.size()))]->name);
-}
-
 void test_median() {
   Random random{10};
   for (int round = 0; round < 60; ++round) {
@@ -799,7 +847,9 @@ void test_median() {
     for (int k = 0; k < H * W; ++k)
       map.push_back(random.below(4) ? static_cast<float>(random.between(-20, 20)) / 3.0f : std::numeric_limits<float>::quiet_NaN());
     median(map.data(), H, W, size, filtered.data(), any_rows(random), {random.between(1, 9), [] { return false; }});
-    bool right = true;
+    std::vector<float> in_place = map;
+    median(in_place.data(), H, W, size, in_place.data(), any_rows(random), {random.between(1, 9), [] { return false; }});
+    bool right = std::memcmp(in_place.data(), filtered.data(), filtered.size() * sizeof(float)) == 0;
     for (int y = 0; y < H; ++y)
       for (int x = 0; x < W; ++x) {
         std::vector<float> around;
@@ -843,7 +893,7 @@ void test_after_the_checks() {
     for (auto& weight : weights) weight = static_cast<float>(random.between(-4, 4));
     std::vector<int32_t> alike(256);
     for (int k = 0; k < 256; ++k) alike[k] = 255 - k;
-    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600)), choose_smoothing("")};
+    const SurfaceGuide guide{image.data(), channels, fine.data(), coarse.data(), 200, static_cast<float>(random.between(0, 600))};
     const LogisticModel model{weights.data(), weights.data(), logistic.data()};
     const int side = 2 * random.below(6) + 1, slope = random.between(0, 4080), iterations = random.between(1, 3);
     std::vector<std::vector<float>> first;
@@ -860,17 +910,17 @@ void test_after_the_checks() {
       const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
       probability(answers, model, found[4].data(), workers);
       outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
-      nearer(map.data(), occluded.data(), found[3].data(), H, W, found[6].data(), workers);
-      found[7] = surface;
+      nearer(map.data(), occluded.data(), found[3].data(), H, W, found[9].data(), workers);
+      found[6] = surface;
       std::vector<uint8_t> flags(occluded);
-      judge({map.data(), sharpness.data()}, {-7, 9, 1.5f, 1, 2}, H, W, found[7].data(), flags.data(), found[8].data(), found[9].data(),
+      judge({map.data(), sharpness.data()}, {-7, 9, 1.5f, 1, 2}, H, W, found[6].data(), flags.data(), found[7].data(), found[8].data(),
             workers);
       bool right = true, any = false;
       for (int k = 0; k < size; ++k) {
         const float kept = std::min(std::max(surface[k], -7.0f), 9.0f);
         const bool near = std::fabs(map[k] - kept) < 1.5f;
-        right = right && found[7][k] == kept && flags[k] == (near ? 0 : occluded[k] ? 1 : 2);
-        right = right && (near ? found[8][k] == kept : std::isnan(found[8][k])) && found[9][k] == (near ? sharpness[k] : 0);
+        right = right && found[6][k] == kept && flags[k] == (near ? 0 : occluded[k] ? 1 : 2);
+        right = right && (near ? found[7][k] == kept : std::isnan(found[7][k])) && found[8][k] == (near ? sharpness[k] : 0);
       }
       for (const float value : map) any = any || !std::isnan(value);
       for (int k = 0; k < size; ++k) {
@@ -881,7 +931,10 @@ void test_after_the_checks() {
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
         right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
       }
-      for (int k = 0; k < size; ++k) right = right && std::isnan(found[6][k]) == std::isnan(map[k]) && !(found[6][k] < map[k]) && (occluded[k] || !(found[6][k] > map[k]));
+      for (int k = 0; k < size; ++k) {
+        const float value = found[9][k];
+        right = right && std::isnan(value) == std::isnan(map[k]) && !(value < map[k]) && (occluded[k] || !(value > map[k]));
+      }
       CHECK(right, text(H) + "x" + text(W) + " threads " + text(threads));
       if (first.empty()) first = found;
       for (size_t k = 0; k < found.size(); ++k)
@@ -1025,7 +1078,7 @@ void test_corners_and_tracks() {
   Random random{25};
   for (int round = 0; round < 60; ++round) {
     const int H = random.between(1, 30), W = random.between(1, 40), tile = random.between(1, 20);
-    const HalfWindow reach{random.between(1, 7), random.between(1, 5)};
+    const int reach = random.between(1, 7), reach_x = kTrackedColumns / 2;
     std::vector<uint8_t> image(static_cast<size_t>(H) * W);
     for (uint8_t& pixel : image) pixel = static_cast<uint8_t>(random.below(256));
     const Workers workers{random.between(1, 4), [] { return false; }};
@@ -1034,8 +1087,8 @@ void test_corners_and_tracks() {
     std::vector<int32_t> points{0, 0, W - 1, H - 1};
     for (size_t k = 0; k < found.size(); k += 2)
       if (found[k] >= 0) {
-        const bool inside = found[k] > reach.x && found[k] + reach.x + 1 < W && found[k + 1] > reach.y &&
-                            found[k + 1] + reach.y + 1 < H;
+        const bool inside = found[k] > reach_x && found[k] + reach_x + 1 < W && found[k + 1] > reach &&
+                            found[k + 1] + reach + 1 < H;
         CHECK(inside, text(found[k]) + ", " + text(found[k + 1]));
         points.insert(points.end(), {found[k], found[k + 1]});
       }
@@ -1050,6 +1103,23 @@ void test_corners_and_tracks() {
     for (double& one : motion) one = random.between(-40, 40) * 0.37;
     track(image.data(), image.data(), H, W, points.data(), count, reach, 4, motion.data(), correlation.data(), any_rows(random), workers);
   }
+}
+
+void test_fit_rows() {
+  Random random{27};
+  // Points on a plane, and a third of them far off it.
+  std::vector<double> across, down, rows;
+  for (int k = 0; k < 90; ++k) {
+    across.push_back(random.between(-50, 50) * 0.01);
+    down.push_back(random.between(-50, 50) * 0.01);
+    rows.push_back(k % 3 ? 0.5 + 0.25 * across[k] - 0.75 * down[k] : random.between(-400, 400) * 0.01);
+  }
+  double field[3];
+  const double variance = fit_rows(across.data(), down.data(), rows.data(), 90, 0.5, 1e-6, field);
+  CHECK(std::fabs(field[0] - 0.5) < 0.01 && std::fabs(field[1] - 0.25) < 0.02 && std::fabs(field[2] + 0.75) < 0.02,
+        std::to_string(field[0]) + " " + std::to_string(field[1]) + " " + std::to_string(field[2]));
+  CHECK(variance > 0 && variance < 1e-3, std::to_string(variance));
+  CHECK(fit_rows(across.data(), down.data(), rows.data(), 1, 0.5, 1e-6, field) > 0 && std::isfinite(field[1]), "one point");
 }
 
 void test_merging() {
@@ -1692,7 +1762,7 @@ void test_path_sums() {
     const Pair pair{nullptr, nullptr, H, W, 1, random.between(-D, W), D};
     const int most = n % 2 ? 60 : 400, p1 = random.between(0, 20);
     std::vector<int32_t> p2(256);
-    for (auto& v : p2) v = p1 + random.below(100);
+    for (auto& v : p2) v = p1 + random.below(n % 4 ? 100 : 170);  // twice that is more than a byte, or not
     std::vector<uint8_t> guide(static_cast<size_t>(H) * W);
     for (auto& v : guide) v = static_cast<uint8_t>(random.below(256));
     std::vector<uint16_t> costs(guide.size() * D);
@@ -1710,9 +1780,11 @@ void test_path_sums() {
 
 void test_census_matching() {
   Random random{89};
-  for (int n = 0; n < 40; ++n) {
+  for (int n = 0; n < 48; ++n) {
+    const bool wide = n % 6 == 5;  // enough for pixels whose candidates are all in view, and for many pixels at a time
     const int widths[] = {7, 40, 64, 120}, rows[] = {1, 9, 24};
-    const int bits = widths[n % 4], planes = (bits + 63) / 64, H = rows[n % 3], W = random.between(1, 40);
+    const int bits = widths[n / 6 % 4], planes = (bits + 63) / 64, H = rows[n % 3] / (wide ? 4 : 1) + wide;
+    const int W = wide ? random.between(150, 190) : random.between(1, 40);
     const bool aggregated = n % 2 && bits <= kMostAggregatedBits;
     const int unit = aggregated ? 3 : 0, most = ((aggregated ? 9 : 1) * bits + (1 << unit >> 1)) >> unit;
     const size_t pixels = static_cast<size_t>(H) * W;
@@ -1724,10 +1796,10 @@ void test_census_matching() {
     }
     std::vector<int16_t> shift(pixels);
     for (auto& v : shift) v = static_cast<int16_t>(random.between(-30, 30));
-    const std::vector<int32_t> p2(256, 80);
-    const Pair pair{nullptr, nullptr, H, W, 1, random.between(-9, 9), random.between(1, 90)};
-    const CensusCosts costs{left.data(), right.data(), bits, aggregated, unit, n % 3 ? nullptr : shift.data()};
-    const SgmSettings settings{8, most, 9, p2.data(), nullptr};
+    const std::vector<int32_t> p2(256, n % 8 ? 80 : 130);
+    const Pair pair{nullptr, nullptr, H, W, 1, random.between(-9, 9), wide ? 128 : random.between(1, 90)};
+    const CensusCosts costs{left.data(), right.data(), bits, aggregated, unit, n % 3 || wide ? nullptr : shift.data()};
+    const SgmSettings settings{n % 7 ? 8 : 4, most, 9, p2.data(), nullptr};
     const FusedSettings select{CostKind::sad, {1, 1}, Subpixel::parabola, n % 5 != 0, 1.0, n % 4 == 0, 1.1};
     std::vector<float> wanted;
     for (const FusedKernel* kernel : available_kernels())
@@ -1835,6 +1907,7 @@ int main() {
   timed("dispatch", test_dispatch);
   timed("bands", test_bands);
   timed("grey", test_grey);
+  timed("halving", test_halving);
   timed("terms and box", test_terms_and_box);
   timed("supports", test_supports);
   timed("census, bytes", test_census<uint8_t>);
@@ -1870,6 +1943,7 @@ int main() {
   timed("moving rows, bytes", test_move_rows<uint8_t>);
   timed("moving rows, words", test_move_rows<int32_t>);
   timed("corners and tracks", test_corners_and_tracks);
+  timed("fitting rows", test_fit_rows);
   timed("merging", test_merging);
   timed("winning costs", test_winning_costs);
   timed("interruption", test_interruption);

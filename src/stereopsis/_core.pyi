@@ -301,8 +301,7 @@ def corners(
     image: _U8,
     tile: int,
     stride: int,
-    reach_x: int,
-    reach_y: int,
+    reach: int,
     least: float,
     found: _I32,
     threads: int,
@@ -313,8 +312,7 @@ def track(
     left: _U8,
     right: _U8,
     points: _I32,
-    reach_x: int,
-    reach_y: int,
+    reach: int,
     iterations: int,
     motion: npt.NDArray[np.float64],
     correlation: npt.NDArray[np.float64],
@@ -322,6 +320,7 @@ def track(
     instructions: str,
     /,
 ) -> None: ...
+def fit_rows(across: _F64, down: _F64, rows: _F64, slope: float, settled: float, field: _F64, /) -> float: ...
 def merge_pass(
     disparity: _F32,
     confidence: _F32,
@@ -468,7 +467,6 @@ def edge_aware(
     iterations: int,
     out: _F32,
     threads: int,
-    instructions: str,
     /,
 ) -> None: ...
 def probability(
@@ -498,7 +496,6 @@ def fill_surfaces(
     most: float,
     out: _F32,
     threads: int,
-    instructions: str,
     /,
 ) -> None: ...
 def nearer(disparity: _F32, doubtful: _U8, again: _F32, out: _F32, threads: int, /) -> None: ...

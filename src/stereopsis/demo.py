@@ -53,11 +53,18 @@ def demonstrate(folder: Path, width: int, height: int, seed: int, settings: Sett
     Raises
     ------
     ValueError
-        If a size or the seed is out of range.
+        If a size or the seed is out of range, or the street so small that nothing of it is matched. Then
+        nothing has been written.
     OSError
         If the folder or a file cannot be written.
     """
     scene = street(width, height, seed)
+    result = match(scene.pair, settings=settings)
+    if not (result.disparity > 0).any():
+        raise ValueError(f"no pixel of a street of {width} x {height} pixels was matched: it must be larger")
+    scores = evaluate(result.disparity, scene.disparity)
+    errors = error_map(result.disparity, scene.disparity)
+
     folder.mkdir(parents=True, exist_ok=True)
     inputs = [folder / name for name in ("left.png", "right.png", "truth.pfm", "calib.txt")]
     write_image(inputs[0], scene.left)
@@ -65,15 +72,9 @@ def demonstrate(folder: Path, width: int, height: int, seed: int, settings: Sett
     write_disparity(inputs[2], scene.disparity)
     write_calibration(inputs[3], scene.calibration)
 
-    result = match(scene.pair, settings=settings)
-
     outputs = [folder / name for name in ("disparity.png", "disparity.pfm", "preview.png", "points.ply")]
     for path in outputs:
         write_output(path, result.disparity, image=scene.left, calibration=scene.calibration)
     picture = folder / "error.png"
-    write_image(picture, error_map(result.disparity, scene.disparity))
-    return Demonstration(
-        result=result,
-        scores=evaluate(result.disparity, scene.disparity),
-        files=(*inputs, *outputs, picture),
-    )
+    write_image(picture, errors)
+    return Demonstration(result=result, scores=scores, files=(*inputs, *outputs, picture))

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core, _instructions
+from stereopsis import _core
 from stereopsis.smooth import FILL_STRENGTH, edge_tables, guide_of
 from stereopsis.types import WHOLE, DisparityMap, Flag, Halo
 
@@ -155,7 +155,6 @@ def surfaces(
         float(most),
         filled,
         threads,
-        _instructions.forced(),
     )
     return filled
 

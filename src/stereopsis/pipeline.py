@@ -307,8 +307,9 @@ def _match(
     if chosen.subpixel in FROM_IMAGES:
         with _timed(timings, "subpixel"):
             disparity = _refined(pixels, chosen, disparity)
-    # A slanted window or a refinement may lean out of the range by a fraction of a pixel.
-    np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
+    if merged or chosen.subpixel in FROM_IMAGES:
+        # A slanted window or a refinement may lean out of the range by a fraction of a pixel.
+        np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
     if chosen.reflection is not None:
         with _timed(timings, "reflection"):
             apart = validate.brightness(pixels.left, pixels.right, disparity, chosen.cost.size)
@@ -319,7 +320,7 @@ def _match(
     winners = disparity.copy() if own is None and chosen.confidence is not None else own
     if chosen.median is not None and chosen.planar is None:
         with _timed(timings, "median"):
-            disparity = refine.median(disparity, chosen.median, chosen.threads)
+            refine.median(disparity, chosen.median, chosen.threads, into=disparity)
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
             validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags)
@@ -645,7 +646,12 @@ def _coarse(pixels: cost.Pixels, seen: Disparities, levels: int, threads: int) -
 
 
 def _halved_map(
-    left: rectify.Bytes, right: rectify.Bytes, seen: Disparities, levels: int, uniqueness: float, threads: int
+    left: rectify.Bytes,
+    right: rectify.Bytes,
+    seen: Disparities,
+    levels: int,
+    uniqueness: float | None,
+    threads: int,
 ) -> DisparityMap | None:
     """A checked map of images that were halved so often; None where they hold no candidate."""
     if not left.size:
@@ -1092,10 +1098,12 @@ def coarse_map(
     left: rectify.Bytes, right: rectify.Bytes, disparities: Disparities, width: int, threads: int = 0
 ) -> DisparityMap | None:
     """A map of images of so many columns that were halved as `estimate_vertical` does; None if too small."""
-    seen = _in_view(disparities, width, 1)
+    seen, levels = _in_view(disparities, width, 1), rectify.levels(width)
     if seen is None or min(left.shape) < 8:
         return None
-    return _halved_map(left, right, seen, rectify.levels(width), 5.0, threads)
+    # A field needs no points at the very end of the range, and a candidate more may take another vector.
+    nearly = Disparities(seen.min, max(seen.min + 1, seen.max - 2**levels))
+    return _halved_map(left, right, nearly, levels, None, threads)
 
 
 def shrunk(image: Image, factor: int) -> Image:

@@ -29,14 +29,15 @@ COLUMNS = 400
 """The coarsest level of the pyramid is the first with at most so many columns, and never the image itself."""
 TILE = 18
 """A point is sought in each square of so many pixels, or more of a large image: in about `TILES` of them."""
-TILES = 1200
-STRIDE = 6
+TILES = 700
+STRIDE = 8
 """Every how many rows and columns of a tile."""
 REACH = (6, 4)
-"""A window goes so many columns and rows from its point: 13 x 9."""
+"""A window goes so many columns and rows from its point: 13 x 9. The core's kernels are for 13 columns."""
 LEAST_CORNER = 16.0
 """Least mean square of I(+1) - I(-1) in a window's weakest direction, in squared grey levels."""
-ITERATIONS = 5
+ITERATIONS = 3
+"""On each level."""
 LEAST_CORRELATION = 0.9
 MOST_ROWS, MOST_COLUMNS = 4.0, 3.0
 """How far a point may lie off its row, and off what the disparity map says, to be believed."""
@@ -47,7 +48,7 @@ SLOPE = 0.5
 """What a slope is expected to be, in pixels from edge to edge: few points are no reason for a steep one."""
 SETTLED = 5e-4
 """Pixels by which a last iteration changes the field."""
-SIGNIFICANT = 4.0
+SIGNIFICANT = 2.5
 """A field counts where its root mean square is so many times its own deviation,"""
 LEAST = 0.08
 """and at least so many pixels: less is not worth resampling for."""
@@ -112,9 +113,9 @@ def sights(left: list[Bytes], right: list[Bytes], disparity: DisparityMap, threa
     """Points with texture in both directions, and where the right image shows them.
 
     In each tile of the left image that window whose gradients are strongest in their weakest direction [1]_
-    is followed from the coarsest level down by the iterations of Lucas and Kanade [2]_, in columns and rows
-    at once, starting at the disparity of a coarse map and on the same row. Each window's mean and gain are
-    removed.
+    is followed from the last level but one down by the iterations of Lucas and Kanade [2]_, in columns and
+    rows at once, starting at the disparity of a map of the last level and on the same row. Each window's mean
+    and gain are removed.
 
     Parameters
     ----------
@@ -137,9 +138,8 @@ def sights(left: list[Bytes], right: list[Bytes], disparity: DisparityMap, threa
     """
     last = len(left) - 1
     points, start = known(corners(left[0], tile_of(left[0].size), threads), disparity, last)
-    motion: Floats = np.stack((-start, np.zeros_like(start)), axis=1)
-    correlation = np.empty(len(points))
-    follow(left, right, points, motion, correlation, threads)
+    motion, correlation = first_motion(start), np.empty(len(points))
+    follow(left[:-1], right[:-1], points, motion, correlation, threads)
     return believed(points, motion, correlation, start, last)
 
 
@@ -151,6 +151,14 @@ def known(
     start: Floats = disparity[at[:, 1], at[:, 0]].astype(np.float64)
     answered = np.isfinite(start)
     return np.ascontiguousarray(points[answered]), start[answered]
+
+
+def first_motion(start: Floats) -> Floats:
+    """Columns and rows, (N, 2), by which points move where a map of the last level answers that, in pixels of
+    the level before it.
+    """
+    motion: Floats = np.stack((-2 * start, np.zeros_like(start)), axis=1)
+    return motion
 
 
 def follow(
@@ -171,7 +179,7 @@ def follow(
             left[level],
             right[level],
             seen,
-            *REACH,
+            REACH[1],
             ITERATIONS,
             motion,
             correlation,
@@ -205,7 +213,9 @@ def corners(image: Bytes, tile: int, threads: int = 0) -> npt.NDArray[np.int32]:
     stride = max(STRIDE, tile // 3)
     found = np.empty((image.shape[0] // tile, image.shape[1] // tile, 2), np.int32)
     pixels = (2 * REACH[0] + 1) * (2 * REACH[1] + 1)
-    _core.corners(image, tile, stride, *REACH, LEAST_CORNER * pixels, found, threads, _instructions.forced())
+    _core.corners(
+        image, tile, stride, REACH[1], LEAST_CORNER * pixels, found, threads, _instructions.forced()
+    )
     flat = found.reshape(-1, 2)
     return flat[flat[:, 0] >= 0]
 
@@ -245,26 +255,13 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
         return none
     height, width = shape[:2]
     across, down = seen.x / max(1, width - 1) - 0.5, seen.y / max(1, height - 1) - 0.5
-    terms = np.stack((np.ones_like(across), across, down))
-    found = np.array([np.median(seen.rows), 0.0, 0.0])
-    prior = np.diag([0.0, SLOPE**-2, SLOPE**-2])
-    for _ in range(20):
-        # Sums without a linear algebra library, which starts threads for as little as this.
-        rest = seen.rows - (terms * found[:, None]).sum(axis=0)
-        scale = max(float(1.4826 * np.median(np.abs(rest))), 0.01)
-        weighted = terms * (1 / (1 + (rest / (2 * scale)) ** 2) ** 2)
-        normal = (weighted[:, None] * terms).sum(axis=2) + scale**2 * prior
-        before, found = found, np.linalg.solve(normal, (weighted * seen.rows).sum(axis=1))
-        if np.abs(found - before).max() < SETTLED:
-            break
-    # Weights like these use the points about half as well as least squares would; neighbours err alike.
-    spread = 4 * scale**2 * np.linalg.inv(normal)
+    found = np.empty(3)
+    deviation = _core.fit_rows(across, down, seen.rows, SLOPE, SETTLED, found)
     # Over the image a coordinate from -1/2 to 1/2 has a mean square of 1/12.
     mean_square = found[0] ** 2 + (found[1] ** 2 + found[2] ** 2) / 12
-    deviation = spread[0, 0] + (spread[1, 1] + spread[2, 2]) / 12
     if mean_square < max(LEAST**2, SIGNIFICANT**2 * deviation):
         return none
-    # To a ten-thousandth of a pixel, so that no linear algebra library decides the last bits of a match.
+    # To a ten-thousandth of a pixel, so that no compiler decides the last bits of a match.
     return Vertical(*np.round(found, 4).tolist())
 
 

@@ -335,12 +335,17 @@ def confidence(
     return np.where(reach > 0, np.clip(fraction, np.float32(0), np.float32(1)), np.float32(0))
 
 
-def median(disparity: DisparityMap, size: int, threads: int = 0) -> DisparityMap:
+def median(
+    disparity: DisparityMap, size: int, threads: int = 0, *, into: DisparityMap | None = None
+) -> DisparityMap:
     """Median over those of ``size x size`` pixels that have a value.
 
-    Invalid pixels stay invalid. At borders the window is what lies inside the map.
+    Invalid pixels stay invalid. At borders the window is what lies inside the map. What is found goes to the
+    contiguous array `into`, which may be the map itself; else to a new one.
     """
-    filtered = np.empty(disparity.shape, np.float32)
+    filtered = np.empty(disparity.shape, np.float32) if into is None else into
+    if not filtered.flags.c_contiguous:
+        raise ValueError(f"into must be contiguous, not of strides {filtered.strides}")
     _core.median(np.ascontiguousarray(disparity), size, filtered, threads, _instructions.forced())
     return filtered
 

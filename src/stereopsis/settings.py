@@ -215,10 +215,11 @@ class Settings:
         What the result's confidence is: the probability that an answer is within 3 pixels of the truth, from
         the map around it, for filled pixels too. None: how sharp the winner's minimum is.
     least_confidence : float or None
-        Answers of less confidence are refused; where holes are filled they stay as filled ones. None: off.
+        Answers of less confidence are refused. Where holes are filled they count as filled, and what does is
+        filled once more from the rest: the nearer answer stands. None: off.
     outlines : bool
         What was filled beside a jump of disparity goes to the nearer surface where what looks like it around
-        does. At the end.
+        does; then the `median` again. At the end.
     pyramid : int or None
         Coarse to fine: a map of images that were halved so often tells which disparities each tile of the
         image has to search. None: everything everywhere.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core, _instructions
+from stereopsis import _core
 from stereopsis.types import DisparityMap, Halo
 
 SIGMA, SLOPE_SIGMA = 5.0, 20.0
@@ -81,7 +81,6 @@ def edge_aware(
         iterations,
         smoothed,
         threads,
-        _instructions.forced(),
     )
     return smoothed
 

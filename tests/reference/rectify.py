@@ -71,6 +71,23 @@ def track(left, right, point, reach, iterations, motion):
     raise AssertionError
 
 
+def fit(across, down, rows, slope, settled):
+    """The field that most rows agree on, and its variance over the image."""
+    terms = np.stack((np.ones_like(across), across, down))
+    found = np.array([np.median(rows), 0.0, 0.0])
+    prior = np.diag([0.0, slope**-2, slope**-2])
+    for _ in range(20):
+        rest = rows - found @ terms
+        scale = max(1.4826 * np.median(np.abs(rest)), 0.01)
+        weights = 1 / (1 + (rest / (2 * scale)) ** 2) ** 2
+        normal = (weights * terms) @ terms.T + scale**2 * prior
+        before, found = found, np.linalg.solve(normal, (weights * terms) @ rows)
+        if np.abs(found - before).max() < settled:
+            break
+    spread = 4 * scale**2 * np.linalg.inv(normal)
+    return found, spread[0, 0] + (spread[1, 1] + spread[2, 2]) / 12
+
+
 def move_rows(image, plane, lowest, highest):
     """The image at ``(x, y + a x + b y + c)``, by cubic convolution, before rounding."""
     height, width = image.shape[:2]

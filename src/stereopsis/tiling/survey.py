@@ -278,11 +278,11 @@ def _vertical(whole: _Pair, disparities: Disparities) -> Vertical:
         return Vertical(0.0)
     points = _corners(whole, ends[0])
     points, start = rectify.known(points, first, last)
-    motion = np.stack((-start, np.zeros_like(start)), axis=1)
-    correlation = np.empty(len(points))
-    rectify.follow(levels.left, levels.right, points >> held, motion, correlation, threads)
+    motion, correlation = rectify.first_motion(start), np.empty(len(points))
+    if held < last:
+        rectify.follow(levels.left[:-1], levels.right[:-1], points >> held, motion, correlation, threads)
+        motion *= 2 if held else 1
     if held:
-        motion *= 2
         _follow_finer(whole, held, ends, points, motion, correlation)
     return rectify.fit(rectify.believed(points, motion, correlation, start, last), whole.shape)
 

@@ -46,7 +46,7 @@ SEMI_GLOBAL = {
 SEMI_GLOBAL_LARGE = (1536, 2048, 256)
 """Rows, columns and disparities of its memory measurement."""
 
-OPERATIONS = {"ZNCC 31": 9, "SSD 21": 8, "SAD 21": 10}
+OPERATIONS = {"ZNCC 31": 8, "SSD 21": 8, "SAD 21": 10}
 """Vector operations a candidate in the innermost loop of fused_narrow.hpp, with four-byte multiply-adds."""
 
 

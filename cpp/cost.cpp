@@ -76,8 +76,13 @@ float narrow_cost(CostKind cost, int64_t sum, const NarrowStatistics* l, const N
     float v = static_cast<float>(static_cast<int32_t>(negative));
     const auto mean = [&](int c) { return SplitMean::of(l[c].sum - kCentre * n, 1.0 / n, channels == 1); };
     for (int c = 0; c < channels; ++c) v = fused(mean(c).high, static_cast<float>(r[c].sum), v);
-    for (int c = 0; c < channels; ++c) v = fused(mean(c).low, static_cast<float>(r[c].sum), v);
-    return correlation_cost(fused(v * left_scale, right_scale, kCorrelationBase));
+    if (channels == 1) {
+      v = fused(v, left_scale, SplitMean::mended(mean(0).low, l->sum, left_scale));
+    } else {
+      for (int c = 0; c < channels; ++c) v = fused(mean(c).low, static_cast<float>(r[c].sum), v);
+      v = v * left_scale;
+    }
+    return correlation_cost(fused(v, right_scale, kCorrelationBase));
   }
   const float inverse_n = 1.0f / static_cast<float>(n);
   int64_t covariance = -sum, whole = 0;

@@ -188,6 +188,12 @@ static void split_means(const int32_t* STEREOPSIS_RESTRICT sums, int count, int3
   }
 }
 
+// For one channel: what the second part of its mean is worth, and where `cost` adds it.
+static void mend_means(const int32_t* STEREOPSIS_RESTRICT sums, const float* STEREOPSIS_RESTRICT scale, int count,
+                       float* STEREOPSIS_RESTRICT low) {
+  for (int x = 0; x < count; ++x) low[x] = SplitMean::mended(low[x], sums[x], scale[x]);
+}
+
 static void centre_left(const int32_t* STEREOPSIS_RESTRICT mean, const int32_t* STEREOPSIS_RESTRICT rest, int count,
                         int32_t* STEREOPSIS_RESTRICT mean_weight, int32_t* STEREOPSIS_RESTRICT rest_weight,
                         float* STEREOPSIS_RESTRICT whole_rest) {
@@ -208,6 +214,15 @@ static void split_right(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t* 
 
 static void to_floats(const int32_t* STEREOPSIS_RESTRICT from, int count, float* STEREOPSIS_RESTRICT to) {
   for (int x = 0; x < count; ++x) to[x] = static_cast<float>(from[x]);
+}
+
+template <class T>
+static void fill(T value, int count, T* STEREOPSIS_RESTRICT values) {
+  for (int x = 0; x < count; ++x) values[x] = value;
+}
+
+static void count_from(int first, int count, int32_t* STEREOPSIS_RESTRICT values) {
+  for (int x = 0; x < count; ++x) values[x] += first + x;
 }
 
 // Which rows a pass adds to the sums (+1) and takes from them (-1); 0 leaves one out.
@@ -485,6 +500,7 @@ class Narrow {
     }
     const float least = least_norm(Kind, n_, C);
     if (T::normalised) inverse_roots(norm_, p_.width, least, left_scale_);
+    if (Kind == CostKind::zncc && C == 1) mend_means(sum_, left_scale_, p_.width, left_low_[0]);
     for (int c = 0; c < C; ++c) {
       sum_windows(right_column_[c], right_square_[c], true);
       describe_right(c, from, to - from, from - p_.first);
@@ -598,8 +614,13 @@ class Narrow {
         right[c] = Simd::once(Simd::load(v.sum[c] + at));
         covariance = Simd::fused(l.high[c], right[c], covariance);
       });
-      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { covariance = Simd::fused(l.low[c], right[c], covariance); });
-      return Simd::fused(Simd::mul(covariance, l.scale), Simd::load(v.scale + at), Simd::set(kCorrelationBase));
+      if constexpr (C == 1) {
+        covariance = Simd::fused(covariance, l.scale, l.low[0]);
+      } else {
+        unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { covariance = Simd::fused(l.low[c], right[c], covariance); });
+        covariance = Simd::mul(covariance, l.scale);
+      }
+      return Simd::fused(covariance, Simd::load(v.scale + at), Simd::set(kCorrelationBase));
     } else {
       F excess;
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
@@ -626,11 +647,10 @@ class Narrow {
   static int block_size(int rest) { return rest >= kBlock ? kBlock : rest >= kSmallBlock ? kSmallBlock : 1; }
 
   void match_row() {
-    if (s_.left_right)
-      for (int j = 0; j < stats_ + 2 * kChunk; ++j) {
-        right_best_[j] = T::keyed ? static_cast<Scalar>(coarse(T::worst)) : T::worst;
-        right_index_[j] = -1;
-      }
+    if (s_.left_right) {
+      fill(T::keyed ? static_cast<Scalar>(coarse(T::worst)) : T::worst, stats_ + 2 * kChunk, right_best_);
+      fill(-1, stats_ + 2 * kChunk, right_index_);
+    }
     prime_slide();
     for (int x = 0; x < p_.width; x += kChunk) {
       const int end = least(x + kChunk, p_.width);
@@ -649,8 +669,7 @@ class Narrow {
       if (s_.left_right) take_right_winners(x, end);
       if (s_.uniqueness) take_second(x, end);
     }
-    if (s_.left_right)
-      for (int j = 0; j < stats_; ++j) right_index_[kChunk + j] += j - (p_.width - 1);  // from columns to candidates
+    if (s_.left_right) count_from(1 - p_.width, stats_, right_index_ + kChunk);  // from columns to candidates
   }
 
   Sight sight(int x, int at, int past) const {
@@ -802,7 +821,7 @@ class Narrow {
   // column, where candidate i of pixel x stands at width - 1 - x + i. In the kept costs that is a diagonal, whose steps
   // `stride` makes whole vectors. Costs out of view are the worst, and so is what lies around the candidates.
   STEREOPSIS_NOINLINE void take_right_winners(int begin, int end) {
-    constexpr int abreast = 3;  // as many minima as hide each other's latency
+    constexpr int abreast = kBlock + 1;  // all of 128 candidates at once; many, to hide the latency of minima
     int i = -kChunk;
     for (; i + abreast * kLanes <= padded_; i += abreast * kLanes) take_right_block<abreast>(begin, end, i);
     for (; i < padded_; i += kLanes) take_right_block<1>(begin, end, i);

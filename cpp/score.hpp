@@ -60,6 +60,11 @@ inline float fused(float a, float b, float c) {
 
 // A mean in two parts: a product with the first, taken from a sum of the same size, leaves what the second can mend. One
 // channel of several leaves the others' sums standing, so that their first part has to be whole for the rest to be exact.
+//
+// Of one channel the second is at most 2^-18, and it meets the right window's sum as if that were the left one's, `sum`: what it
+// mends then is the same for all candidates. What stays, |low| |right sum - left sum| of the covariance, is nothing for
+// windows of like brightness; and below half a correlation for the least texture that counts, black against white:
+// 514 * 2^-18 * 254 * 514 / 513 while sums are exact, 64 * 2^-18 * 255 beyond; see `least_norm`.
 struct SplitMean {
   float high, low;
   static SplitMean of(int32_t sum, double inverse_n, bool one_channel) {
@@ -68,6 +73,8 @@ struct SplitMean {
     const float high = one_channel ? static_cast<float>(mean) : whole;
     return {high, static_cast<float>(mean - high)};
   }
+  // The second part's share of a covariance with a window like its own, scaled as the covariance will be.
+  static float mended(float low, int32_t sum, float scale) { return low * static_cast<float>(sum) * scale; }
 };
 
 // Sum of squared deviations from the mean; the square of a 24-bit sum is exact.

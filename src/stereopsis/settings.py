@@ -862,6 +862,8 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             cost=Census(window=(9, 7), aggregation=3),
             optimize=SGM(paths=4, p1=140, p2=1100, p2_min=400, contrast=20, unit=8),
             median=5,
+            # What else is wrong the confidence finds.
+            speckle=(100, 1.0),
             fill="surfaces",
             confidence="calibrated",
             least_confidence=0.85,

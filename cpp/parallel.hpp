@@ -24,10 +24,10 @@ inline int resolve_threads(int threads) {
   return cores ? static_cast<int>(cores) : 1;
 }
 
-constexpr std::chrono::milliseconds kPatience{100};
+constexpr std::chrono::milliseconds kPatience{50};
 constexpr std::chrono::microseconds kSoon{200};
 
-// Asks `interrupted` ten times a second, and cancels all work once it says so.
+// Asks `interrupted` twenty times a second, and cancels all work once it says so.
 template <class Asked>
 class Asking {
  public:

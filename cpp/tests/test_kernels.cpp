@@ -1358,7 +1358,7 @@ void test_gaussian_threads_and_interruption() {
         }
       }
     }
-  const Problem large = problem(random, Pixels::bytes, 600, 1500, 1, 0, 600, {1, 1});
+  const Problem large = problem(random, Pixels::bytes, 600, 1000, 1, 0, 600, {1, 1});
   for (const FusedKernel* kernel : available_kernels())
     for (const Taps& t : {bell(1, 9), bell(2, 9)}) {
       const FusedSettings s{CostKind::zncc, {1, 1}, Subpixel::parabola, true, 1, true, 1.05};

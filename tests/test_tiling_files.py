@@ -327,9 +327,9 @@ shape, chosen = (1800, 2600), st.Settings.make(sys.argv[1], disparities=(0, 32),
 draw = np.random.default_rng(0)
 image = draw.integers(0, 256, (90, 99), dtype=np.uint8).astype(sys.argv[2])
 match_part(image, image, chosen, Frame((90, 99)))
-left = draw.integers(0, 256, shape, dtype=np.uint8)
+# Nothing that is given back: it would stay with the process, for the match to take.
+left = draw.integers(0, 256, shape, dtype=sys.argv[2])
 right = np.roll(left, -9, axis=1)
-left, right = left.astype(sys.argv[2]), right.astype(sys.argv[2])
 before = memory.resident() - left.nbytes - right.nbytes
 match_part(left, right, chosen, Frame(shape))
 peak = [line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")]

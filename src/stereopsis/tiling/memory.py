@@ -87,14 +87,11 @@ def needed(settings: Settings, dtype: np.dtype[Any], channels: int) -> float:
     if isinstance(settings.vertical, Vertical) and any(settings.vertical):
         held += kept * wide
     after = held + OUT
-    if settings.texture is not None:
-        after += 4
-    stages = [
-        raw + pixels + (24 * channels if dtype == np.float32 else 0),
-        held + _matching(settings, kept, wide),
-        after + _after(settings, kept, wide),
-    ]
-    return SCATTERED * max(stages)
+    return max(
+        raw + pixels + SCATTERED * (24 * channels if dtype == np.float32 else 0),
+        held + SCATTERED * _matching(settings, kept, wide),
+        after + SCATTERED * _after(settings, kept, wide),
+    )
 
 
 def _matching(settings: Settings, channels: int, wide: int) -> float:
@@ -158,8 +155,8 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
     """Beside the images and the result, at the most demanding of the stages after matching."""
     narrow = 4 * channels if wide == 1 else 0
     filled = 5.0
-    stages = [1.0]
-    if settings.texture is not None:
+    stages = [0.0]
+    if settings.texture == "auto":
         stages.append(5)
     match settings.subpixel:
         case "symmetric":
@@ -168,11 +165,8 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
             stages.append(2 * narrow + 8)
         case "lucas-kanade-affine":
             stages.append(2 * narrow + 38)
-    if settings.median is not None:
-        stages.append(5)
-    if settings.speckle is not None:
-        stages.append(5.5)
-    filling = {"surfaces": 60.0, "interpolate": 8.0}.get(settings.fill or "", filled)
+    # Texture, a median and speckle change the map in place.
+    filling = {"surfaces": 36.0, "interpolate": 8.0}.get(settings.fill or "", filled)
     if settings.fill is not None or settings.planar is not None:
         stages.append(filling)
     if settings.planar is not None:

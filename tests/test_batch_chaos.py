@@ -20,8 +20,9 @@ from typing import Any
 import pytest
 
 import stereopsis as st
-from batch_data import QUIET, SETTINGS, command, dataset, files, in_this_process, leftovers, table
+from batch_data import QUIET, SETTINGS, Made, command, dataset, files, in_this_process, leftovers, table
 from stereopsis import batch
+from stereopsis.batch import cluster as cluster_module
 
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
@@ -185,6 +186,26 @@ def test_killed_worker(data: Path, expected: bytes, tmp_path: Path) -> None:
     assert before.items() <= files(out).items(), "a finished pair was computed again"
     assert (out / "results.csv").read_bytes() == expected
     assert leftovers(out) == []
+
+
+def test_worker_killed_with_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was done, and not yet fetched from a worker, is done again by the next: here 3 pairs of 4."""
+    pairs = [Made(f"{number}", number) for number in range(4)]
+    take: Callable[..., Any] = cluster_module._Hands.take
+
+    def first_robbed(hands: Any) -> Any:
+        monkeypatch.undo()
+        tasks = list(hands._waiting)
+        until(lambda: all(task.status == "finished" for task in tasks), "done")
+        hands._client.cluster.scale(0)
+        until(lambda: all(task.status == "lost" for task in tasks), "lost")
+        hands._client.cluster.scale(1)
+        return take(hands)
+
+    monkeypatch.setattr(cluster_module._Hands, "take", first_robbed)
+    with in_this_process(threads=1) as client:
+        assert batch.run(pairs, SETTINGS, tmp_path / "out", client).done == 4
+    assert len(table(tmp_path / "out")) == 4
 
 
 def test_killed_scheduler(data: Path, expected: bytes, tmp_path: Path) -> None:

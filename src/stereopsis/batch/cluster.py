@@ -266,17 +266,19 @@ class _Hands:
 
     def take(self) -> tuple[Chunk, list[Found], float] | _Died:
         """A task that comes back, what came of it, and the seconds that it took."""
-        future = next(self._ready)
+        # Done, but its worker died before anybody fetched it: the scheduler has it done again.
+        while (future := next(self._ready)).status == "lost":
+            self._ready.add(future)
         chunk, alone = self._waiting.pop(future)
-        if future.status in ("cancelled", "lost"):
-            raise CancelledError
-        if future.status != "error":
+        try:
             found, seconds = future.result()
-            return chunk, found, seconds
-        error = future.exception()
-        if isinstance(error, UnwritableError):
-            raise UnwritableError(f"{error}; {KEPT}")
-        return _Died(chunk, alone, _of_the_task(error))
+        except UnwritableError as error:
+            raise UnwritableError(f"{error}; {KEPT}") from None
+        except Exception as error:
+            if future.status != "error":
+                raise
+            return _Died(chunk, alone, _of_the_task(error))
+        return chunk, found, seconds
 
     def drop(self) -> None:
         """Take back what no worker has begun."""

@@ -854,6 +854,16 @@ NB_MODULE(_core, m) {
     run(1, [&](const Workers& workers) { refuse_speckle(H, W, area, difference, refused, kernels, workers); });
   });
 
+  m.def("cut_off", [](const Array<const float, 2>& disparity, int left, int area, float difference, float nearer,
+                      const Array<uint8_t, 2>& out, const std::string& instructions) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    require_shape(out, H, W);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) {
+      cut_off(disparity.data(), H, W, left, area, difference, nearer, out.data(), kernels, workers);
+    });
+  });
+
   m.def("flood", [](const Array<const uint8_t, 2>& relief, const Array<uint8_t, 2>& out) {
     const int H = relief.shape(0), W = relief.shape(1);
     require_shape(out, H, W);

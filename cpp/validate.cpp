@@ -163,12 +163,18 @@ void append(const std::vector<uint64_t>& bits, int start, std::vector<int>& plac
   places.resize(to - places.data());
 }
 
-// Calls visit(first pixel, pixels) for each run of a row that belongs to a region of fewer than `area` pixels.
-template <class Visit>
-void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
-                  const Cancel& cancel, Visit visit) {
-  // Runs of a row that hang together, joined with those of the row above: a forest, in which each run knows one before it.
-  std::vector<int> first, last, parent;
+// 4-connected regions, as the runs of rows that they consist of: each with its first and last pixel and its region's first run,
+// which alone has the region's pixels.
+struct Regions {
+  std::vector<int> first, last, of, pixels;
+};
+
+// Regions in which neighbours differ by at most `difference`. On one thread: to join what bands have found takes as long as
+// they save.
+Regions regions(const float* disparity, int height, int width, float difference, const RowKernels& kernels, const Cancel& cancel) {
+  // Runs are joined with those of the row above: a forest, in which each run knows one before it.
+  Regions found;
+  std::vector<int>&first = found.first, &last = found.last, &parent = found.of;
   const size_t words = (static_cast<size_t>(width) + 63) / 64;
   std::vector<uint64_t> go_on(words), begins(words), above_begins(words), meets(words), starts(words), ends(words);
   const auto root = [&](int run) {
@@ -210,24 +216,33 @@ void each_speckle(const float* disparity, int height, int width, int area, float
       parent[std::max(one, two)] = std::min(one, two);
     });
   }
-  if (cancel.load(std::memory_order_relaxed)) return;
   // What a run knows comes before it, and so knows its own first one already.
-  std::vector<int> pixels(parent.size());
+  found.pixels.resize(parent.size());
   for (size_t k = 0; k < parent.size(); ++k) {
     parent[k] = parent[parent[k]];
-    pixels[parent[k]] += last[k] + 1 - first[k];
+    found.pixels[parent[k]] += last[k] + 1 - first[k];
   }
-  for (size_t k = 0; k < parent.size(); ++k)
-    if (pixels[parent[k]] < area) visit(first[k], last[k] + 1 - first[k]);
+  return found;
 }
 
-// On one thread: to join what bands have found takes as long as they save.
+// Calls visit(the regions, cancel).
 template <class Visit>
-void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
+void with_regions(const float* disparity, int height, int width, float difference, const RowKernels& kernels,
                   const Workers& workers, Visit visit) {
   if (!width) return;
   parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
-    each_speckle(disparity, height, width, area, difference, kernels, cancel, visit);
+    const Regions found = regions(disparity, height, width, difference, kernels, cancel);
+    if (!cancel.load(std::memory_order_relaxed)) visit(found);
+  });
+}
+
+// Calls visit(first pixel, pixels) for each run of a row that belongs to a region of fewer than `area` pixels.
+template <class Visit>
+void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
+                  const Workers& workers, Visit visit) {
+  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found) {
+    for (size_t k = 0; k < found.of.size(); ++k)
+      if (found.pixels[found.of[k]] < area) visit(found.first[k], found.last[k] + 1 - found.first[k]);
   });
 }
 
@@ -248,6 +263,27 @@ void refuse_speckle(int height, int width, int area, float difference, const Ref
       refused.disparity[k] = std::numeric_limits<float>::quiet_NaN();
       refused.confidence[k] = 0;
       refused.flags[k] |= refused.bit;
+    }
+  });
+}
+
+void cut_off(const float* disparity, int height, int width, int left, int area, float difference, float nearer,
+             uint8_t* cut_off, const RowKernels& kernels, const Workers& workers) {
+  std::memset(cut_off, 0, static_cast<size_t>(height) * width);
+  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found) {
+    const size_t runs = found.of.size();
+    std::vector<int> ends(runs), hidden(runs);
+    for (size_t k = 0; k + 1 < runs; ++k) {
+      const int one = found.last[k], other = found.first[k + 1], x = one % width;
+      if (found.of[k] == found.of[k + 1] || one / width != other / width) continue;
+      ++ends[found.of[k]];
+      const float beside = disparity[other];
+      hidden[found.of[k]] += beside > disparity[one] + nearer && beside > static_cast<float>(left + x);
+    }
+    for (size_t k = 0; k < runs; ++k) {
+      const int region = found.of[k];
+      if (hidden[region] && 2 * hidden[region] >= ends[region] && found.pixels[region] < area)
+        std::memset(cut_off + found.first[k], 1, found.last[k] + 1 - found.first[k]);
     }
   });
 }

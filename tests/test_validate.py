@@ -243,6 +243,53 @@ def test_speckle_of_any_map(instructions, shape, area, difference, seed):
         np.testing.assert_array_equal(one, other)
 
 
+def test_cut_off_by_hand():
+    disparity = np.full((4, 12), 8, np.float32)
+    disparity[:, 8:] = 10
+    disparity[:3, :8] = N
+    disparity[0, 2] = 1  # beside tens, which would be out of view at 2
+    disparity[1, 1:3] = (7, 7)  # nearer than the tens by 3, but not by more
+    disparity[2, 6:8] = (1, 4)  # of two regions, of which the first ends at a four, which is in view at 6
+    expected = np.zeros((4, 12), bool)
+    expected[0, 2] = expected[2, 7] = True
+    np.testing.assert_array_equal(validate.cut_off(disparity, 16), expected)
+    np.testing.assert_array_equal(validate.cut_off(disparity[:, 1:], 16, left=1), expected[:, 1:])
+    # As part of a larger image its tens are in view; beyond the range nothing is looked at.
+    for nothing in (validate.cut_off(disparity, 32, left=3), validate.cut_off(disparity, 8)):
+        assert nothing.shape == disparity.shape
+        assert not nothing[:, 7].any()
+
+
+@pytest.mark.parametrize(("height", "found"), [(333, True), (334, False)])
+def test_large_regions_are_not_cut_off(height, found):
+    disparity = np.full((height, 12), 30, np.float32)
+    disparity[:, :3] = 2
+    assert validate.cut_off(disparity, 64)[:, :3].all() == found
+    assert not validate.cut_off(disparity, 64)[:, 3:].any()
+
+
+@pytest.mark.parametrize("instructions", _core.instruction_sets())
+@given(
+    shape=some.tuples(some.integers(1, 8), some.integers(1, 12)),
+    end=some.integers(-3, 20),
+    left=some.integers(0, 5),
+    seed=SEEDS,
+)
+@settings(max_examples=60, deadline=None)
+def test_cut_off_of_any_map(instructions, shape, end, left, seed):
+    random = np.random.default_rng(seed)
+    disparity = np.float32(random.integers(0, 5, shape) * random.choice([1, 2.5], shape[1]))
+    disparity[random.random(shape) < 0.3] = N
+    columns = np.s_[:, : max(0, end - left)]
+    expected = np.zeros(shape, bool)
+    expected[columns] = reference.cut_off(disparity[columns], left, 6, 1.0, 3.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(_instructions.ENVIRONMENT, instructions)
+        patch.setattr(validate, "CUT_OFF", 6)
+        found = validate.cut_off(disparity, end, left)
+    np.testing.assert_array_equal(found, expected)
+
+
 # ---- what is accepted ----------------------------------------------------------------------------
 
 

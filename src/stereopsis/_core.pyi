@@ -424,6 +424,16 @@ def refuse_speckle(
     instructions: str,
     /,
 ) -> None: ...
+def cut_off(
+    disparity: _F32,
+    left: int,
+    area: int,
+    difference: float,
+    nearer: float,
+    out: _U8,
+    instructions: str,
+    /,
+) -> None: ...
 def flood(relief: _U8, out: _U8, /) -> None: ...
 def label(inside: _U8, out: _I32, /) -> int: ...
 def accept(
@@ -460,14 +470,7 @@ def weighted_median(
     disparity: _F32, guide: _U8, size: int, slope: int, out: _F32, threads: int, /
 ) -> None: ...
 def edge_aware(
-    disparity: _F32,
-    guide: _I32,
-    tables: _F32,
-    strength: float,
-    iterations: int,
-    out: _F32,
-    threads: int,
-    /,
+    disparity: _F32, guide: _I32, tables: _F32, strength: float, iterations: int, out: _F32, threads: int, /
 ) -> None: ...
 def probability(
     surface: _F32,

@@ -213,8 +213,7 @@ def outlines(
     pixels. Of the pixels that are not doubtful, every fourth of every fourth row up to 12 pixels off, those
     within :math:`(n - f) / 3` of :math:`n` vote for :math:`n`, and those as near to :math:`f` for :math:`f`,
     with weights :math:`\exp(-\max |\Delta I| / 12)`, in 4096ths, the largest difference of the channels, akin
-    to [1]_. Where more weight is for
-    :math:`n` the pixel becomes :math:`n`; else it stays.
+    to [1]_. Where more weight is for :math:`n` the pixel becomes :math:`n`; else it stays.
 
     Parameters
     ----------

@@ -343,7 +343,12 @@ def _match(
     whole = disparity
     if chosen.planar is not None:
         with _timed(timings, "planar"):
-            whole = _planar(disparity, pixels, chosen, flags, beneath)
+            trusted = disparity
+            if own is not None:
+                # Where they were right after all, the winners are accepted again.
+                cut = validate.cut_off(disparity, chosen.disparities.max, 0 if frame is None else frame.left)
+                trusted = np.where(cut, np.float32(np.nan), disparity)
+            whole = _planar(trusted, pixels, chosen, flags, beneath)
             sharpness = stages.pop("sharpness", confidence)
             judged = whole, own, sharpness, flags, chosen.disparities, chosen.threads
             disparity, confidence = validate.judged(*judged)

@@ -267,6 +267,39 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     return found.view(bool)
 
 
+CUT_OFF = 1000
+"""Pixels of a region that is believed whatever is beside it."""
+
+
+def cut_off(disparity: DisparityMap, end: int, left: int = 0) -> BoolMap:
+    """Small regions at the left of the view, beside a nearer surface that would be out of view there.
+
+    What such a surface covers has no match in the right image, and is easily taken for something far. A
+    region, whose neighbours differ by at most a pixel, is told so where it has fewer than `CUT_OFF` pixels
+    and where, at half at least of its ends within a row, the next answer to the right is nearer by more than
+    `AGREEMENT` pixels and larger than the column of the end.
+
+    Parameters
+    ----------
+    disparity : ndarray of float32, (H, W)
+    end : int
+        Disparities lie below this: only columns below it are looked at.
+    left : int
+        The map's first column in the whole image, if it is a part.
+
+    Returns
+    -------
+    ndarray of bool, (H, W)
+    """
+    found = np.zeros(disparity.shape, np.uint8)
+    columns = np.s_[:, : max(0, end - left)]
+    strip = np.ascontiguousarray(disparity[columns])
+    told = np.empty(strip.shape, np.uint8)
+    _core.cut_off(strip, left, CUT_OFF, 1.0, AGREEMENT, told, _instructions.forced())
+    found[columns] = told
+    return found.view(bool)
+
+
 AGREEMENT = 3.0
 """How near the plane of its surroundings a winner has to lie to agree with them, in pixels."""
 REVOCABLE = Flag.OCCLUDED | Flag.MISMATCHED | Flag.AMBIGUOUS | Flag.SPECKLE

@@ -1,5 +1,7 @@
 """The definition of the checks, a pixel at a time."""
 
+import itertools
+
 import numpy as np
 
 from reference.cost import windows
@@ -44,8 +46,8 @@ def texture(image, size):
     return windows(gradient, size).mean(axis=(2, 3, 4))
 
 
-def speckle(disparity, area, difference):
-    """Label every pixel, and spread the smallest label until nothing changes."""
+def regions(disparity, difference):
+    """Label every pixel by its place, and spread the smallest label until nothing changes."""
     width = disparity.shape[1]
     label = {(y, x): y * width + x for y, x in np.argwhere(~np.isnan(disparity)).tolist()}
     changed = True
@@ -57,10 +59,29 @@ def speckle(disparity, area, difference):
                 if joined and label[near] < label[y, x]:
                     label[y, x] = label[near]
                     changed = True
+    return label
+
+
+def speckle(disparity, area, difference):
+    label = regions(disparity, difference)
     sizes = list(label.values())
     found = np.zeros(disparity.shape, bool)
     for at, name in label.items():
         found[at] = sizes.count(name) < area
+    return found
+
+
+def cut_off(disparity, left, area, difference, nearer):
+    label = regions(disparity, difference)
+    ends = {name: [] for name in label.values()}
+    for y, row in enumerate(disparity):
+        answered = np.flatnonzero(~np.isnan(row)).tolist()
+        for x, other in itertools.pairwise(answered):
+            if label[y, x] != label[y, other]:
+                ends[label[y, x]].append(row[other] > row[x] + nearer and row[other] > left + x)
+    found, sizes = np.zeros(disparity.shape, bool), list(label.values())
+    for at, name in label.items():
+        found[at] = any(ends[name]) and np.mean(ends[name]) >= 0.5 and sizes.count(name) < area
     return found
 
 

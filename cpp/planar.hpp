@@ -1,4 +1,4 @@
-// Disparities drawn to the plane that their surroundings lie on.
+// Planes through disparities: a map drawn to those that its pixels' surroundings lie on, and points held against planes on trial.
 #pragma once
 
 #include <cstddef>

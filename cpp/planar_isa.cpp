@@ -1,4 +1,4 @@
-// One build of the planar filter, for the instruction set that STEREOPSIS_ISA names: plain loops over a block of pixels,
+// One build of what is done with planes, for the instruction set that STEREOPSIS_ISA names: plain loops over a block of pixels,
 // `static` and unnamed for the reason given in fused_narrow.hpp.
 #include "planar.hpp"
 #include "simd.hpp"

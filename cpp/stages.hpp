@@ -228,7 +228,8 @@ void speckle(const float* disparity, int height, int width, int area, float diff
 void refuse_speckle(int height, int width, int area, float difference, const Refusal& refused, const RowKernels& kernels,
                     const Workers& workers);
 // Sets `cut_off` in such regions where, at half of the places at least at which they end in a row, the next answer to the right
-// is nearer by more than `nearer` and would lie left of the right image there. The first column is the image's column `left`.
+// is nearer by more than `nearer` and would lie left of the right image there; what is cut off is no answer to what lies left of
+// it. The first column is the image's column `left`.
 void cut_off(const float* disparity, int height, int width, int left, int area, float difference, float nearer,
              uint8_t* cut_off, const RowKernels& kernels, const Workers& workers);
 // How high a flood from above the first row has to rise to reach each pixel: over all 4-connected paths from the first row,

@@ -3,6 +3,7 @@
 #include <cstring>
 #include <limits>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #if defined(_MSC_VER) && !defined(__clang__)
@@ -225,14 +226,14 @@ Regions regions(const float* disparity, int height, int width, float difference,
   return found;
 }
 
-// Calls visit(the regions, cancel).
+// Calls visit(the regions, cancel) unless cancelled.
 template <class Visit>
 void with_regions(const float* disparity, int height, int width, float difference, const RowKernels& kernels,
                   const Workers& workers, Visit visit) {
   if (!width) return;
   parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
     const Regions found = regions(disparity, height, width, difference, kernels, cancel);
-    if (!cancel.load(std::memory_order_relaxed)) visit(found);
+    if (!cancel.load(std::memory_order_relaxed)) visit(found, cancel);
   });
 }
 
@@ -240,7 +241,7 @@ void with_regions(const float* disparity, int height, int width, float differenc
 template <class Visit>
 void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
                   const Workers& workers, Visit visit) {
-  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found) {
+  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found, const Cancel&) {
     for (size_t k = 0; k < found.of.size(); ++k)
       if (found.pixels[found.of[k]] < area) visit(found.first[k], found.last[k] + 1 - found.first[k]);
   });
@@ -270,21 +271,27 @@ void refuse_speckle(int height, int width, int area, float difference, const Ref
 void cut_off(const float* disparity, int height, int width, int left, int area, float difference, float nearer,
              uint8_t* cut_off, const RowKernels& kernels, const Workers& workers) {
   std::memset(cut_off, 0, static_cast<size_t>(height) * width);
-  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found) {
+  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found, const Cancel& cancel) {
     const size_t runs = found.of.size();
-    std::vector<int> ends(runs), hidden(runs);
-    for (size_t k = 0; k + 1 < runs; ++k) {
-      const int one = found.last[k], other = found.first[k + 1], x = one % width;
-      if (found.of[k] == found.of[k + 1] || one / width != other / width) continue;
-      ++ends[found.of[k]];
-      const float beside = disparity[other];
-      hidden[found.of[k]] += beside > disparity[one] + nearer && beside > static_cast<float>(left + x);
+    std::vector<uint8_t> cut(runs);
+    // What is cut off no longer stands between what is left of it and what is right of it.
+    for (bool more = true; more && !cancel.load(std::memory_order_relaxed);) {
+      std::vector<int> ends(runs), hidden(runs);
+      for (size_t k = 0, before = runs; k < runs; ++k) {
+        if (cut[found.of[k]]) continue;
+        const size_t own = std::exchange(before, k);
+        if (own == runs || found.of[own] == found.of[k] || found.last[own] / width != found.first[k] / width) continue;
+        const int end = found.last[own];
+        const float beside = disparity[found.first[k]];
+        ++ends[found.of[own]];
+        hidden[found.of[own]] += beside > disparity[end] + nearer && beside > static_cast<float>(left + end % width);
+      }
+      more = false;
+      for (size_t k = 0; k < runs; ++k)
+        if (hidden[k] && 2 * hidden[k] >= ends[k] && found.pixels[k] < area) cut[k] = more = true;
     }
-    for (size_t k = 0; k < runs; ++k) {
-      const int region = found.of[k];
-      if (hidden[region] && 2 * hidden[region] >= ends[region] && found.pixels[region] < area)
-        std::memset(cut_off + found.first[k], 1, found.last[k] + 1 - found.first[k]);
-    }
+    for (size_t k = 0; k < runs; ++k)
+      if (cut[found.of[k]]) std::memset(cut_off + found.first[k], 1, found.last[k] + 1 - found.first[k]);
   });
 }
 

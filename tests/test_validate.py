@@ -249,9 +249,9 @@ def test_cut_off_by_hand():
     disparity[:3, :8] = N
     disparity[0, 2] = 1  # beside tens, which would be out of view at 2
     disparity[1, 1:3] = (7, 7)  # nearer than the tens by 3, but not by more
-    disparity[2, 6:8] = (1, 4)  # of two regions, of which the first ends at a four, which is in view at 6
+    disparity[2, 6:8] = (1, 4)  # the four first, and then it no longer stands between the one and the tens
     expected = np.zeros((4, 12), bool)
-    expected[0, 2] = expected[2, 7] = True
+    expected[0, 2] = expected[2, 6:8] = True
     np.testing.assert_array_equal(validate.cut_off(disparity, 16), expected)
     np.testing.assert_array_equal(validate.cut_off(disparity[:, 1:], 16, left=1), expected[:, 1:])
     # As part of a larger image its tens are in view; beyond the range nothing is looked at.

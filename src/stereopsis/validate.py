@@ -277,7 +277,7 @@ def cut_off(disparity: DisparityMap, end: int, left: int = 0) -> BoolMap:
     What such a surface covers has no match in the right image, and is easily taken for something far. A
     region, whose neighbours differ by at most a pixel, is told so where it has fewer than `CUT_OFF` pixels
     and where, at half at least of its ends within a row, the next answer to the right is nearer by more than
-    `AGREEMENT` pixels and larger than the column of the end.
+    `AGREEMENT` pixels and larger than the column of the end. What is told so is no answer to the others.
 
     Parameters
     ----------

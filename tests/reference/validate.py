@@ -1,5 +1,6 @@
 """The definition of the checks, a pixel at a time."""
 
+import collections
 import itertools
 
 import numpy as np
@@ -72,17 +73,22 @@ def speckle(disparity, area, difference):
 
 
 def cut_off(disparity, left, area, difference, nearer):
-    label = regions(disparity, difference)
-    ends = {name: [] for name in label.values()}
-    for y, row in enumerate(disparity):
-        answered = np.flatnonzero(~np.isnan(row)).tolist()
-        for x, other in itertools.pairwise(answered):
-            if label[y, x] != label[y, other]:
-                ends[label[y, x]].append(row[other] > row[x] + nearer and row[other] > left + x)
-    found, sizes = np.zeros(disparity.shape, bool), list(label.values())
-    for at, name in label.items():
-        found[at] = any(ends[name]) and np.mean(ends[name]) >= 0.5 and sizes.count(name) < area
-    return found
+    label, found = regions(disparity, difference), np.zeros(disparity.shape, bool)
+    sizes = collections.Counter(label.values())
+    while True:
+        ends = {name: [] for name in sizes}
+        for y, row in enumerate(disparity):
+            answered = np.flatnonzero(~np.isnan(row) & ~found[y]).tolist()
+            for x, other in itertools.pairwise(answered):
+                if label[y, x] != label[y, other]:
+                    ends[label[y, x]].append(row[other] > row[x] + nearer and row[other] > left + x)
+        more = {
+            name for name in ends if any(ends[name]) and np.mean(ends[name]) >= 0.5 and sizes[name] < area
+        }
+        if not more:
+            return found
+        for at, name in label.items():
+            found[at] |= name in more
 
 
 def judged(smooth, winners, confidence, flags, least, most):

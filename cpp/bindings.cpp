@@ -14,6 +14,7 @@
 #include <tuple>
 #include <vector>
 
+#include "crew.hpp"
 #include "dispatch.hpp"
 #include "heap.hpp"
 #include "parallel.hpp"
@@ -642,6 +643,14 @@ SurfaceGuide surface_guide(const Array<const int32_t, 3>& guide, const Array<con
 NB_MODULE(_core, m) {
   keep_freed_memory();
   m.attr("narrow_limit") = narrow_limit;
+
+  // What `work` returns. All that it calls here from this thread is done by the same threads, which end with it.
+  m.def("with_crew", [](const nb::callable& work) {
+    if (crew_at_hand()) return work();
+    Crew crew;
+    const AtHand lent(&crew);
+    return work();
+  });
 
   m.def("instruction_sets", [] {
     std::vector<std::string> names;

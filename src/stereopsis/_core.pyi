@@ -1,6 +1,7 @@
 """The compiled kernels. Private: shapes, dtypes and ranges are checked, but in few words."""
 
-from typing import Any, overload
+from collections.abc import Callable
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +11,12 @@ _I32 = npt.NDArray[np.int32]
 _I64 = npt.NDArray[np.int64]
 _F32 = npt.NDArray[np.float32]
 _F64 = npt.NDArray[np.float64]
+_T = TypeVar("_T")
 
 narrow_limit: int
 largest_stride: int
 
+def with_crew(work: Callable[[], _T], /) -> _T: ...
 def instruction_sets() -> list[str]: ...
 @overload
 def grey(rgb: _U8, out: _U8, threads: int, instructions: str, /) -> None: ...

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import (
+    _core,
     _fused,
     aggregate,
     confidence,
@@ -200,17 +201,8 @@ def match(
         if value is not UNSET
     }
     chosen = _settings(settings, preset, changes)
-    timings: dict[str, float] = {}
     pair = _pair(left, right)
-    if chosen.disparities is None:
-        with _timed(timings, "range"):
-            chosen = chosen.changed(
-                disparities=estimate_disparities(pair.left, pair.right, threads=chosen.threads)
-            )
-    pixels = None
-    if chosen.vertical == "estimate":
-        chosen, pixels = _with_vertical(pair, chosen, timings)
-    return _match(pair, chosen, start, timings, pixels)
+    return _core.with_crew(lambda: _match_whole(pair, chosen, start))
 
 
 def match_part(
@@ -235,8 +227,26 @@ def match_part(
     """
     start = time.perf_counter()
     pair = _pair(left, right)
-    pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
-    return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
+
+    def work() -> Result:
+        pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
+        return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
+
+    return _core.with_crew(work)
+
+
+def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
+    """Match with what is left to the images estimated from them."""
+    timings: dict[str, float] = {}
+    if chosen.disparities is None:
+        with _timed(timings, "range"):
+            chosen = chosen.changed(
+                disparities=estimate_disparities(pair.left, pair.right, threads=chosen.threads)
+            )
+    pixels = None
+    if chosen.vertical == "estimate":
+        chosen, pixels = _with_vertical(pair, chosen, timings)
+    return _match(pair, chosen, start, timings, pixels)
 
 
 def _match(

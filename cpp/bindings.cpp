@@ -845,22 +845,23 @@ NB_MODULE(_core, m) {
   bind_texture<int32_t>(m);
 
   m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out,
-                      const std::string& instructions) {
+                      int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     require_shape(out, H, W);
     const RowKernels& kernels = choose_rows(instructions);
-    run(1, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), kernels, workers); });
+    run(threads, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), kernels, workers); });
   });
 
   bind_refuse_dull<uint8_t>(m);
   bind_refuse_dull<int32_t>(m);
 
   m.def("refuse_speckle", [](int area, float difference, uint8_t bit, const Array<float, 2>& disparity,
-                             const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags, const std::string& instructions) {
+                             const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags, int threads,
+                             const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     const Refusal refused = refusal_of(bit, disparity, confidence, flags, H, W);
     const RowKernels& kernels = choose_rows(instructions);
-    run(1, [&](const Workers& workers) { refuse_speckle(H, W, area, difference, refused, kernels, workers); });
+    run(threads, [&](const Workers& workers) { refuse_speckle(H, W, area, difference, refused, kernels, workers); });
   });
 
   m.def("flood", [](const Array<const uint8_t, 2>& relief, const Array<uint8_t, 2>& out) {

@@ -30,12 +30,13 @@ void Crew::run(int bands, const Band& band, const std::function<void()>& ask) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     band_ = &band;
-    open_ = running_ = bands;
+    first_ = 0;
+    end_ = running_ = bands;
   }
   wanted_.notify_all();
   {
     std::unique_lock<std::mutex> lock(mutex_);
-    while (open_ > 0) take(lock, true);
+    while (any_open()) take(lock, true);
   }
   wait_awake([&] { return running_ == 0; });
   std::unique_lock<std::mutex> lock(mutex_);
@@ -48,16 +49,16 @@ void Crew::run(int bands, const Band& band, const std::function<void()>& ask) {
 
 void Crew::help() {
   for (;;) {
-    wait_awake([&] { return open_ > 0 || ended_; });
+    wait_awake([&] { return any_open() || ended_; });
     std::unique_lock<std::mutex> lock(mutex_);
-    wanted_.wait(lock, [&] { return open_ > 0 || ended_; });
+    wanted_.wait(lock, [&] { return any_open() || ended_; });
     if (ended_) return;
     take(lock, false);
   }
 }
 
 void Crew::take(std::unique_lock<std::mutex>& lock, bool own) {
-  const int k = --open_;
+  const int k = own ? --end_ : first_++;
   const Band& band = *band_;
   lock.unlock();
   band(k, own);

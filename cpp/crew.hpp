@@ -34,14 +34,16 @@ class Crew {
 
  private:
   void help();
-  // Does a band that nobody has begun; `lock` is open meanwhile.
+  bool any_open() const { return first_ < end_; }
+  // Does a band that nobody has begun: the owner the last one, a helper the first one, so that in piece after piece of work
+  // each finds what it has in its cache. `lock` is open meanwhile.
   void take(std::unique_lock<std::mutex>& lock, bool own);
 
   std::mutex mutex_;
   std::condition_variable wanted_, done_;
   const Band* band_ = nullptr;
-  // Bands that nobody has begun, and those that have not ended. Read without the lock only to wait awake.
-  std::atomic<int> open_{0}, running_{0};
+  // Bands from first_ to end_ - 1 nobody has begun; so many have not ended. Read without the lock only to wait awake.
+  std::atomic<int> first_{0}, end_{0}, running_{0};
   std::atomic<bool> ended_{false};
   std::vector<std::thread> helpers_;
 };

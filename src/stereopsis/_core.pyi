@@ -416,7 +416,9 @@ def refuse_dull(
     instructions: str,
     /,
 ) -> None: ...
-def speckle(disparity: _F32, area: int, difference: float, out: _U8, instructions: str, /) -> None: ...
+def speckle(
+    disparity: _F32, area: int, difference: float, out: _U8, threads: int, instructions: str, /
+) -> None: ...
 def refuse_speckle(
     area: int,
     difference: float,
@@ -424,6 +426,7 @@ def refuse_speckle(
     disparity: _F32,
     confidence: _F32,
     flags: _U8,
+    threads: int,
     instructions: str,
     /,
 ) -> None: ...

@@ -333,7 +333,7 @@ def _match(
             refine.median(disparity, chosen.median, chosen.threads, into=disparity)
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
-            validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags)
+            validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags, chosen.threads)
     if chosen.sky:
         with _timed(timings, "sky"):
             # Unchecked winners are of no use as witnesses against the sky.
@@ -651,7 +651,7 @@ def _coarse(pixels: cost.Pixels, seen: Disparities, levels: int, threads: int) -
     found = _halved_map(left, right, seen, levels, 2.0, threads)
     if found is None:
         return np.full((max(1, left.shape[0]), max(1, left.shape[1])), np.nan, np.float32)
-    found[validate.speckle(found, 20, 1.0)] = np.nan
+    found[validate.speckle(found, 20, 1.0, threads)] = np.nan
     return found
 
 

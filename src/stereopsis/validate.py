@@ -250,7 +250,7 @@ def _mean(image: npt.NDArray[Any], window: tuple[int, int]) -> npt.NDArray[np.fl
     return sums / np.float64(window[0] * window[1] * image.shape[2])
 
 
-def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
+def speckle(disparity: DisparityMap, area: int, difference: float, threads: int = 0) -> BoolMap:
     """Regions too small to be believed.
 
     Parameters
@@ -261,9 +261,12 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     difference : float
         Neighbours, of which a pixel has four, belong to one region where they differ by at most this (pixels
         of disparity).
+    threads : int
+        0: all cores.
     """
     found = np.empty(disparity.shape, np.uint8)
-    _core.speckle(np.ascontiguousarray(disparity), area, difference, found, _instructions.forced())
+    map_ = np.ascontiguousarray(disparity)
+    _core.speckle(map_, area, difference, found, threads, _instructions.forced())
     return found.view(bool)
 
 
@@ -374,11 +377,12 @@ def refuse_speckle(
     difference: float,
     confidence: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
+    threads: int = 0,
 ) -> None:
     """Refuse, in place and as `Flag.SPECKLE`, what `speckle` finds; the arrays are as in `refuse_dull`."""
     _require_contiguous(disparity, confidence, flags)
-    instructions = _instructions.forced()
-    _core.refuse_speckle(area, difference, Flag.SPECKLE.value, disparity, confidence, flags, instructions)
+    answers, instructions = (disparity, confidence, flags), _instructions.forced()
+    _core.refuse_speckle(area, difference, Flag.SPECKLE.value, *answers, threads, instructions)
 
 
 def _require_contiguous(

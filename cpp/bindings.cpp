@@ -767,11 +767,12 @@ NB_MODULE(_core, m) {
   bind_move_rows<uint8_t>(m);
   bind_move_rows<int32_t>(m);
 
-  m.def("halve", [](const Array<const uint8_t, 2>& image, const Array<uint8_t, 2>& means, const std::string& instructions) {
+  m.def("halve", [](const Array<const uint8_t, 2>& image, const Array<uint8_t, 2>& means, int threads,
+                    const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1);
     require_shape(means, H / 2, W / 2);
     const RowKernels& kernels = choose_rows(instructions);
-    run(1, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
+    run(threads, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
   });
 
   m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach, double least,

@@ -14,7 +14,7 @@ namespace stereopsis {
 // How often whoever waits for others asks whether the answer is still wanted.
 constexpr std::chrono::milliseconds kPatience{50};
 // For how long a thread waits awake: to sleep, and to be woken, takes longer than most waits.
-constexpr std::chrono::microseconds kSoon{200};
+constexpr std::chrono::microseconds kSoon{500};
 
 // The helpers of one thread, which alone may use it; they end with it. What all of them share is changed under `mutex_` alone.
 class Crew {

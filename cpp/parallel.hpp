@@ -82,14 +82,6 @@ void parallel_rows(int rows, int threads, Asked interrupted, Work work) {
   if (error) std::rethrow_exception(error);
 }
 
-// The same of work that takes about a fifth of a millisecond for every `grain` of its `pixels`: with only as many threads as
-// pay. A crew at hand pays for an eighth of what threads do that have to start.
-template <class Asked, class Work>
-void quick_rows(int rows, int64_t pixels, int64_t grain, int threads, Asked interrupted, Work work) {
-  const int64_t paying = std::min<int64_t>(threads, pixels / (crew_at_hand() ? grain / 8 : grain));
-  parallel_rows(rows, static_cast<int>(std::max<int64_t>(1, paying)), interrupted, work);
-}
-
 // The same in bands of so many rows, which whatever thread is free takes: for rows that take unequal time.
 template <class Work, class Asked>
 void parallel_bands(int rows, int band, int threads, Asked interrupted, Work work) {
@@ -99,6 +91,24 @@ void parallel_bands(int rows, int band, int threads, Asked interrupted, Work wor
     for (int k = next++; k < bands && !cancel.load(std::memory_order_relaxed); k = next++)
       work(k * band, std::min(rows, (k + 1) * band), cancel);
   });
+}
+
+// How many threads pay for work that takes about a fifth of a millisecond for every `grain` of its `pixels`. With a crew at hand
+// a sixteenth of what pays for threads that have to start does.
+inline int paying_threads(int64_t pixels, int64_t grain, int threads) {
+  const int64_t paying = pixels / (crew_at_hand() ? std::max<int64_t>(1, grain / 16) : grain);
+  return static_cast<int>(std::max<int64_t>(1, std::min<int64_t>(threads, paying)));
+}
+
+// The same as `parallel_rows`, and as `parallel_bands` of a quarter of a thread's rows, with only as many threads as pay.
+template <class Asked, class Work>
+void quick_rows(int rows, int64_t pixels, int64_t grain, int threads, Asked interrupted, Work work) {
+  parallel_rows(rows, paying_threads(pixels, grain, threads), interrupted, work);
+}
+template <class Asked, class Work>
+void quick_bands(int rows, int64_t pixels, int64_t grain, int threads, Asked interrupted, Work work) {
+  const int paying = paying_threads(pixels, grain, threads);
+  parallel_bands(rows, std::max(1, rows / (4 * paying)), paying, interrupted, work);
 }
 
 }  // namespace stereopsis

@@ -647,7 +647,9 @@ def _match_tiles(
 
 def _coarse(pixels: cost.Pixels, seen: Disparities, levels: int, threads: int) -> DisparityMap:
     """A reliable map of images that were halved so often, in their own pixels."""
-    left, right = (rectify.pyramid(rectify.eight_bit(image[..., 0]), levels)[-1] for image in pixels[:2])
+    left, right = (
+        rectify.pyramid(rectify.eight_bit(image[..., 0]), levels, threads)[-1] for image in pixels[:2]
+    )
     found = _halved_map(left, right, seen, levels, 2.0, threads)
     if found is None:
         return np.full((max(1, left.shape[0]), max(1, left.shape[1])), np.nan, np.float32)
@@ -1097,7 +1099,7 @@ def _with_vertical(
 def _vertical(pixels: cost.Pixels, disparities: Disparities, threads: int) -> Vertical:
     width = pixels.left.shape[1]
     count = rectify.levels(width)
-    mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count) for image in pixels[:2])
+    mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count, threads) for image in pixels[:2])
     first = coarse_map(mine[-1], other[-1], disparities, width, threads)
     if first is None:
         return Vertical(0.0)

@@ -94,18 +94,18 @@ def ends_of(sample: npt.NDArray[Any]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def halved(image: Bytes) -> Bytes:
+def halved(image: Bytes, threads: int = 0) -> Bytes:
     """The rounded mean of each 2 x 2 pixels; an odd last row or column is left out."""
     means = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.uint8)
-    _core.halve(image, means, _instructions.forced())
+    _core.halve(image, means, threads, _instructions.forced())
     return means
 
 
-def pyramid(image: Bytes, count: int) -> list[Bytes]:
+def pyramid(image: Bytes, count: int, threads: int = 0) -> list[Bytes]:
     """The image, halved 0, 1, ... `count` times."""
     found = [image]
     for _ in range(count):
-        found.append(halved(found[-1]))
+        found.append(halved(found[-1], threads))
     return found
 
 

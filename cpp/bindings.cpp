@@ -845,6 +845,16 @@ NB_MODULE(_core, m) {
   bind_texture<uint8_t>(m);
   bind_texture<int32_t>(m);
 
+  m.def("left_right_maps", [](const Array<const float, 2>& left, const Array<const float, 2>& right, int least, int most,
+                              double tolerance, const Array<uint8_t, 2>& flags, int threads) {
+    const int H = left.shape(0), W = left.shape(1);
+    require_shape(right, H, W);
+    require_shape(flags, H, W);
+    run(threads, [&](const Workers& workers) {
+      left_right_maps(left.data(), right.data(), H, W, least, most, tolerance, flags.data(), workers);
+    });
+  });
+
   m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out,
                       int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);

@@ -13,6 +13,7 @@
 #include "rows.hpp"
 #include "scratch.hpp"
 #include "stages.hpp"
+#include "winners.hpp"
 
 namespace stereopsis {
 
@@ -136,6 +137,39 @@ void refuse_dull(const T* image, int height, int width, int channels, const Wind
 }
 template void refuse_dull(const uint8_t*, int, int, int, const Window&, float, const Refusal&, const RowKernels&, const Workers&);
 template void refuse_dull(const int32_t*, int, int, int, const Window&, float, const Refusal&, const RowKernels&, const Workers&);
+
+void left_right_maps(const float* left, const float* right, int height, int width, int least, int most, double tolerance,
+                     uint8_t* flags, const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    std::vector<int> changes(static_cast<size_t>(width) + 1);  // of the number of claims, from pixel to pixel
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t row = static_cast<size_t>(y) * width;
+      std::fill(changes.begin(), changes.end(), 0);
+      // A right pixel claims what lies within the tolerance of its match, as far as the range permits.
+      for (int u = 0; u < width; ++u) {
+        const double match = u + static_cast<double>(right[row + u]);
+        if (!std::isfinite(match)) continue;
+        const double low = std::ceil(std::max(match - tolerance, 0.0)), high = std::floor(std::min(match + tolerance, width - 1.0));
+        const int first = std::max(static_cast<int>(std::min<double>(low, width)), u + least);
+        const int last = std::min(static_cast<int>(std::max(high, -1.0)), u + most);
+        if (first > last) continue;
+        ++changes[first];
+        --changes[last + 1];
+      }
+      int claims = 0;
+      for (int x = 0; x < width; ++x) {
+        claims += changes[x];
+        const float own = left[row + x];
+        flags[row + x] = 0;
+        if (!std::isfinite(own)) continue;
+        const double there = std::nearbyint(x - static_cast<double>(own));
+        if (there >= 0 && there < width && std::fabs(right[row + static_cast<int>(there)] - own) <= static_cast<float>(tolerance))
+          continue;
+        flags[row + x] = claims > 0 ? kMismatched : kOccluded;
+      }
+    }
+  });
+}
 
 namespace {
 
@@ -277,10 +311,9 @@ template <class Visit>
 void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
                   const Workers& workers, Visit visit) {
   if (!width || !height) return;
-  const int64_t pixels = static_cast<int64_t>(height) * width;
   Regions regions(disparity, height, width, difference, kernels);
   std::vector<uint8_t> band_begins(height);
-  quick_rows(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     band_begins[begin] = 1;
     regions.search(begin, end, cancel);
   });

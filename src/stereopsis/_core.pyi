@@ -416,6 +416,9 @@ def refuse_dull(
     instructions: str,
     /,
 ) -> None: ...
+def left_right_maps(
+    left: _F32, right: _F32, least: int, most: int, tolerance: float, flags: _U8, threads: int, /
+) -> None: ...
 def speckle(
     disparity: _F32, area: int, difference: float, out: _U8, threads: int, instructions: str, /
 ) -> None: ...

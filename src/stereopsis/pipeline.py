@@ -917,7 +917,9 @@ def _merge(
     _refuse(flags != 0, Flag(0), disparity, confidence, flags)
     if chosen.left_right is not None:
         with _timed(timings, "validate"):
-            failed = validate.left_right_maps(disparity, right_disparity, seen, chosen.left_right)
+            failed = validate.left_right_maps(
+                disparity, right_disparity, seen, chosen.left_right, chosen.threads
+            )
             for flag in (Flag.OCCLUDED, Flag.MISMATCHED):
                 _refuse(failed == flag, flag, disparity, confidence, flags)
     if "right_disparity" in chosen.keep:

@@ -157,7 +157,8 @@ def first_motion(start: Floats) -> Floats:
     """Columns and rows, (N, 2), by which points move where a map of the last level answers that, in pixels of
     the level before it.
     """
-    motion: Floats = np.stack((-2 * start, np.zeros_like(start)), axis=1)
+    motion = np.zeros((len(start), 2))
+    np.multiply(start, -2, out=motion[:, 0])
     return motion
 
 

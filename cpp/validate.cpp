@@ -190,8 +190,8 @@ void each_bit(uint64_t bits, Visit visit) {
 }
 
 // The regions of a map: runs of a row that hang together, joined with those of the row above. They form a forest, in which each
-// run knows one before it, or itself. The runs of a row are numbered from its first pixel's number on, or, as they are fewer
-// than pixels, in a band of rows from that of the band's first pixel on: so bands can be searched at once.
+// run knows one before it, or itself. A band of rows numbers its runs from the number of its first pixel on, as it has no more
+// runs than pixels: so bands can be searched at once.
 class Regions {
  public:
   Regions(const float* disparity, int height, int width, float difference, const RowKernels& kernels)

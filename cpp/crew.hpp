@@ -28,8 +28,8 @@ class Crew {
   Crew& operator=(const Crew&) = delete;
 
   // Has every band done once, and returns when all have ended; meanwhile calls `ask` every kPatience, if it has to wait for
-  // long. There is a thread for each band, this one included, so that bands may wait for one another; whoever is free does the
-  // next. Throws where the system has no more threads, before any band has begun.
+  // long, which throws nothing either. There is a thread for each band, this one included, so that bands may wait for one
+  // another; whoever is free does the next. Throws where the system has no more threads, before any band has begun.
   void run(int bands, const Band& band, const std::function<void()>& ask);
 
  private:

@@ -14,6 +14,7 @@
 #include <tuple>
 #include <vector>
 
+#include "crew.hpp"
 #include "dispatch.hpp"
 #include "heap.hpp"
 #include "parallel.hpp"
@@ -643,6 +644,14 @@ NB_MODULE(_core, m) {
   keep_freed_memory();
   m.attr("narrow_limit") = narrow_limit;
 
+  // What `work` returns. All that it calls here from this thread is done by the same threads, which end with it.
+  m.def("with_crew", [](const nb::callable& work) {
+    if (crew_at_hand()) return work();
+    Crew crew;
+    const AtHand lent(&crew);
+    return work();
+  });
+
   m.def("instruction_sets", [] {
     std::vector<std::string> names;
     for (const FusedKernel* kernel : available_kernels()) names.emplace_back(kernel->name);
@@ -758,11 +767,12 @@ NB_MODULE(_core, m) {
   bind_move_rows<uint8_t>(m);
   bind_move_rows<int32_t>(m);
 
-  m.def("halve", [](const Array<const uint8_t, 2>& image, const Array<uint8_t, 2>& means, const std::string& instructions) {
+  m.def("halve", [](const Array<const uint8_t, 2>& image, const Array<uint8_t, 2>& means, int threads,
+                    const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1);
     require_shape(means, H / 2, W / 2);
     const RowKernels& kernels = choose_rows(instructions);
-    run(1, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
+    run(threads, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
   });
 
   m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach, double least,
@@ -835,23 +845,34 @@ NB_MODULE(_core, m) {
   bind_texture<uint8_t>(m);
   bind_texture<int32_t>(m);
 
+  m.def("left_right_maps", [](const Array<const float, 2>& left, const Array<const float, 2>& right, int least, int most,
+                              double tolerance, const Array<uint8_t, 2>& flags, int threads) {
+    const int H = left.shape(0), W = left.shape(1);
+    require_shape(right, H, W);
+    require_shape(flags, H, W);
+    run(threads, [&](const Workers& workers) {
+      left_right_maps(left.data(), right.data(), H, W, least, most, tolerance, flags.data(), workers);
+    });
+  });
+
   m.def("speckle", [](const Array<const float, 2>& disparity, int area, float difference, const Array<uint8_t, 2>& out,
-                      const std::string& instructions) {
+                      int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     require_shape(out, H, W);
     const RowKernels& kernels = choose_rows(instructions);
-    run(1, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), kernels, workers); });
+    run(threads, [&](const Workers& workers) { speckle(disparity.data(), H, W, area, difference, out.data(), kernels, workers); });
   });
 
   bind_refuse_dull<uint8_t>(m);
   bind_refuse_dull<int32_t>(m);
 
   m.def("refuse_speckle", [](int area, float difference, uint8_t bit, const Array<float, 2>& disparity,
-                             const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags, const std::string& instructions) {
+                             const Array<float, 2>& confidence, const Array<uint8_t, 2>& flags, int threads,
+                             const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     const Refusal refused = refusal_of(bit, disparity, confidence, flags, H, W);
     const RowKernels& kernels = choose_rows(instructions);
-    run(1, [&](const Workers& workers) { refuse_speckle(H, W, area, difference, refused, kernels, workers); });
+    run(threads, [&](const Workers& workers) { refuse_speckle(H, W, area, difference, refused, kernels, workers); });
   });
 
   m.def("cut_off", [](const Array<const float, 2>& disparity, int left, int area, float difference, float nearer,

@@ -151,7 +151,7 @@ void narrow_score(const Pair& pair, const Window& window, CostKind cost, const i
 template <class T>
 void grey(const T* rgb, int height, int width, T* grey, const RowKernels& kernels, const Workers& workers) {
   const int64_t pixels = static_cast<int64_t>(height) * width;
-  quick_rows(height, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_bands(height, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       const size_t at = static_cast<size_t>(y) * width;
       if constexpr (sizeof(T) == 1)

@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <condition_variable>
 #include <exception>
 #include <mutex>
 #include <thread>
 #include <vector>
 
+#include "crew.hpp"
 #include "fused.hpp"
 
 namespace stereopsis {
@@ -23,9 +23,6 @@ inline int resolve_threads(int threads) {
   const unsigned cores = std::thread::hardware_concurrency();
   return cores ? static_cast<int>(cores) : 1;
 }
-
-constexpr std::chrono::milliseconds kPatience{50};
-constexpr std::chrono::microseconds kSoon{200};
 
 // Asks `interrupted` twenty times a second, and cancels all work once it says so.
 template <class Asked>
@@ -52,64 +49,37 @@ class Asking {
   bool stopped_ = false;
 };
 
-// Calls work(begin, end, cancel) for `threads` bands of [0, rows), one thread a band; the last is this one's, as to start a
-// thread takes as long as many a band. It asks `interrupted` when its band asks `cancel`, and while it waits for the others.
-// Throws what a band threw, or Interrupted.
+// Calls work(begin, end, cancel) for `threads` bands of [0, rows), one thread a band, of which this is one. It asks
+// `interrupted` when a band of its own asks `cancel`, and while it waits for the others. The threads are those of the crew at
+// hand, or start and end here. Throws what a band threw, or Interrupted.
 template <class Work, class Asked>
 void parallel_rows(int rows, int threads, Asked interrupted, Work work) {
   const int bands = std::max(1, std::min(threads, rows));
   std::atomic<bool> cancelled{false};
   Asking asking(interrupted, cancelled);
   std::mutex mutex;
-  std::condition_variable finished;
-  std::atomic<int> running{bands};
   std::exception_ptr error;
-  const auto band = [&](int k, const Cancel& cancel) {
+  const auto band = [&](int k, bool own) {
     const int begin = static_cast<int>(static_cast<int64_t>(rows) * k / bands);
     const int end = static_cast<int>(static_cast<int64_t>(rows) * (k + 1) / bands);
-    std::exception_ptr thrown;
     try {
-      work(begin, end, cancel);
+      if (!cancelled) work(begin, end, own ? asking.cancel() : Cancel(cancelled));
     } catch (...) {
-      thrown = std::current_exception();
+      const std::lock_guard<std::mutex> lock(mutex);
+      if (!error) error = std::current_exception();
       cancelled.store(true);
     }
-    const std::lock_guard<std::mutex> lock(mutex);
-    if (thrown && !error) error = thrown;
-    if (--running == 0) finished.notify_one();
   };
-  std::vector<std::thread> workers;
-  workers.reserve(bands - 1);
-  try {
-    for (int k = 0; k + 1 < bands; ++k) workers.emplace_back([&band, &cancelled, k] { band(k, Cancel(cancelled)); });
-  } catch (...) {
-    // No more threads to be had: end those that started, then say so.
-    cancelled.store(true);
-    for (auto& worker : workers) worker.join();
-    throw;
-  }
-  band(bands - 1, asking.cancel());
-  // The others are about to end as well: to sleep, and to be woken, takes longer than most waits.
-  const auto soon = std::chrono::steady_clock::now() + kSoon;
-  while (running > 0 && std::chrono::steady_clock::now() < soon) std::this_thread::yield();
-  {
-    std::unique_lock<std::mutex> lock(mutex);
-    while (!finished.wait_for(lock, kPatience, [&] { return running == 0; })) {
-      lock.unlock();
-      asking.ask();
-      lock.lock();
-    }
-  }
-  for (auto& worker : workers) worker.join();
+  Crew* const crew = crew_at_hand();
+  const AtHand busy(nullptr);  // what a band has done by several threads needs others
+  if (bands == 1)
+    band(0, true);
+  else if (crew)
+    crew->run(bands, band, [&] { asking.ask(); });
+  else
+    Crew().run(bands, band, [&] { asking.ask(); });
   if (asking.stopped()) throw Interrupted();
   if (error) std::rethrow_exception(error);
-}
-
-// The same of work that takes about a fifth of a millisecond for every `grain` of its `pixels`: with only as many threads as pay.
-template <class Asked, class Work>
-void quick_rows(int rows, int64_t pixels, int64_t grain, int threads, Asked interrupted, Work work) {
-  const int64_t paying = std::min<int64_t>(threads, pixels / grain);
-  parallel_rows(rows, static_cast<int>(std::max<int64_t>(1, paying)), interrupted, work);
 }
 
 // The same in bands of so many rows, which whatever thread is free takes: for rows that take unequal time.
@@ -121,6 +91,24 @@ void parallel_bands(int rows, int band, int threads, Asked interrupted, Work wor
     for (int k = next++; k < bands && !cancel.load(std::memory_order_relaxed); k = next++)
       work(k * band, std::min(rows, (k + 1) * band), cancel);
   });
+}
+
+// How many threads pay for work that takes about a fifth of a millisecond for every `grain` of its `pixels`. With a crew at hand
+// a sixteenth of what pays for threads that have to start does.
+inline int paying_threads(int64_t pixels, int64_t grain, int threads) {
+  const int64_t paying = pixels / (crew_at_hand() ? std::max<int64_t>(1, grain / 16) : grain);
+  return static_cast<int>(std::max<int64_t>(1, std::min<int64_t>(threads, paying)));
+}
+
+// The same as `parallel_rows`, and as `parallel_bands` of a quarter of a thread's rows, with only as many threads as pay.
+template <class Asked, class Work>
+void quick_rows(int rows, int64_t pixels, int64_t grain, int threads, Asked interrupted, Work work) {
+  parallel_rows(rows, paying_threads(pixels, grain, threads), interrupted, work);
+}
+template <class Asked, class Work>
+void quick_bands(int rows, int64_t pixels, int64_t grain, int threads, Asked interrupted, Work work) {
+  const int paying = paying_threads(pixels, grain, threads);
+  parallel_bands(rows, std::max(1, rows / (4 * paying)), paying, interrupted, work);
 }
 
 }  // namespace stereopsis

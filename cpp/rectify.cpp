@@ -36,7 +36,7 @@ void invert(const double (&m)[6], double (&inverse)[6]) {
 void halve(const uint8_t* image, int height, int width, uint8_t* means, const RowKernels& kernels, const Workers& workers) {
   const int rows = height / 2, columns = width / 2;
   const int64_t pixels = static_cast<int64_t>(rows) * columns;
-  quick_rows(rows, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_bands(rows, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       const uint8_t* const above = image + 2 * static_cast<size_t>(y) * width;
       kernels.halve(above, above + width, columns, means + static_cast<size_t>(y) * columns);
@@ -49,7 +49,7 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
   const Windows windows{image, image, height, width, 2 * reach + 1};
   const int rows = height / tile, columns = width / tile;
   const int64_t pixels = static_cast<int64_t>(height) * width;
-  quick_rows(rows, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_bands(rows, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int row = begin; row < end && !cancel.load(std::memory_order_relaxed); ++row)
       for (int column = 0; column < columns; ++column) {
         int32_t* best = found + 2 * (static_cast<size_t>(row) * columns + column);
@@ -71,7 +71,7 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
 void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count, int reach,
            int iterations, double* motion, double* correlation, const RowKernels& kernels, const Workers& workers) {
   const Windows windows{left, right, height, width, 2 * reach + 1};
-  quick_rows(count, count, 1 << 7, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_bands(count, count, 1 << 7, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int k = begin; k < end && !cancel.load(std::memory_order_relaxed); ++k) {
       correlation[k] = std::numeric_limits<double>::quiet_NaN();
       const int x = points[2 * k], y = points[2 * k + 1];
@@ -133,7 +133,7 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
   }();
   const int64_t stride = static_cast<int64_t>(width) * channels;
   const int64_t pixels = height * stride;
-  quick_rows(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  quick_bands(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
       // Two rows beyond the image every row that is read is the edge's.
       const auto whole_row = [&](int x) {

@@ -221,6 +221,11 @@ struct Refusal {
 template <class T>
 void refuse_dull(const T* image, int height, int width, int channels, const Window& window, float least, const Refusal& refused,
                  const RowKernels& kernels, const Workers& workers);
+// Maps of both views, whose disparities lie between the candidates least ... most as well. Flags each left pixel whose match
+// differs by more than `tolerance`, or lies outside: mismatched where a right pixel claims it, else occluded.
+void left_right_maps(const float* left, const float* right, int height, int width, int least, int most, double tolerance,
+                     uint8_t* flags, const Workers& workers);
+
 // Sets `speckle` where a 4-connected region, in which neighbours differ by at most `difference`, has fewer than `area` pixels.
 void speckle(const float* disparity, int height, int width, int area, float difference, uint8_t* speckle,
              const RowKernels& kernels, const Workers& workers);

@@ -12,7 +12,9 @@
 
 #include "parallel.hpp"
 #include "rows.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
+#include "winners.hpp"
 
 namespace stereopsis {
 
@@ -137,6 +139,39 @@ void refuse_dull(const T* image, int height, int width, int channels, const Wind
 template void refuse_dull(const uint8_t*, int, int, int, const Window&, float, const Refusal&, const RowKernels&, const Workers&);
 template void refuse_dull(const int32_t*, int, int, int, const Window&, float, const Refusal&, const RowKernels&, const Workers&);
 
+void left_right_maps(const float* left, const float* right, int height, int width, int least, int most, double tolerance,
+                     uint8_t* flags, const Workers& workers) {
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    std::vector<int> changes(static_cast<size_t>(width) + 1);  // of the number of claims, from pixel to pixel
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t row = static_cast<size_t>(y) * width;
+      std::fill(changes.begin(), changes.end(), 0);
+      // A right pixel claims what lies within the tolerance of its match, as far as the range permits.
+      for (int u = 0; u < width; ++u) {
+        const double match = u + static_cast<double>(right[row + u]);
+        if (!std::isfinite(match)) continue;
+        const double low = std::ceil(std::max(match - tolerance, 0.0)), high = std::floor(std::min(match + tolerance, width - 1.0));
+        const int first = std::max(static_cast<int>(std::min<double>(low, width)), u + least);
+        const int last = std::min(static_cast<int>(std::max(high, -1.0)), u + most);
+        if (first > last) continue;
+        ++changes[first];
+        --changes[last + 1];
+      }
+      int claims = 0;
+      for (int x = 0; x < width; ++x) {
+        claims += changes[x];
+        const float own = left[row + x];
+        flags[row + x] = 0;
+        if (!std::isfinite(own)) continue;
+        const double there = std::nearbyint(x - static_cast<double>(own));
+        if (there >= 0 && there < width && std::fabs(right[row + static_cast<int>(there)] - own) <= static_cast<float>(tolerance))
+          continue;
+        flags[row + x] = claims > 0 ? kMismatched : kOccluded;
+      }
+    }
+  });
+}
+
 namespace {
 
 int lowest_bit(uint64_t bits) {
@@ -151,99 +186,148 @@ int lowest_bit(uint64_t bits) {
 
 // Calls visit(x) for each bit that is set.
 template <class Visit>
-void each_bit(const std::vector<uint64_t>& bits, Visit visit) {
-  for (size_t w = 0; w < bits.size(); ++w)
-    for (uint64_t left = bits[w]; left; left &= left - 1) visit(static_cast<int>(64 * w) + lowest_bit(left));
-}
-// Appends `start` + x for each of these.
-void append(const std::vector<uint64_t>& bits, int start, std::vector<int>& places) {
-  const size_t before = places.size();
-  places.resize(before + 64 * bits.size());
-  int* to = places.data() + before;
-  each_bit(bits, [&](int x) { *to++ = start + x; });
-  places.resize(to - places.data());
+void each_bit(uint64_t bits, Visit visit) {
+  for (; bits; bits &= bits - 1) visit(lowest_bit(bits));
 }
 
-// 4-connected regions, as the runs of rows that they consist of: each with its first and last pixel and its region's first run,
-// which alone has the region's pixels.
-struct Regions {
-  std::vector<int> first, last, of, pixels;
-};
+// The regions of a map: runs of a row that hang together, joined with those of the row above. They form a forest, in which each
+// run knows one before it, or itself. A band of rows numbers its runs from the number of its first pixel on, as it has no more
+// runs than pixels: so bands can be searched at once.
+class Regions {
+ public:
+  Regions(const float* disparity, int height, int width, float difference, const RowKernels& kernels)
+      : disparity_(disparity),
+        width_(width),
+        words_((static_cast<size_t>(width) + 63) / 64),
+        difference_(difference),
+        kernels_(kernels),
+        room_(static_cast<size_t>(height) * width),
+        begin_(height),
+        end_(height) {}
 
-// Regions in which neighbours differ by at most `difference`. On one thread: to join what bands have found takes as long as
-// they save.
-Regions regions(const float* disparity, int height, int width, float difference, const RowKernels& kernels, const Cancel& cancel) {
-  // Runs are joined with those of the row above: a forest, in which each run knows one before it.
-  Regions found;
-  std::vector<int>&first = found.first, &last = found.last, &parent = found.of;
-  const size_t words = (static_cast<size_t>(width) + 63) / 64;
-  std::vector<uint64_t> go_on(words), begins(words), above_begins(words), meets(words), starts(words), ends(words);
-  const auto root = [&](int run) {
-    while (parent[run] != run) run = parent[run] = parent[parent[run]];
-    return run;
-  };
-  int above = 0, own = 0;  // the first runs of both rows
-  for (int y = 0; y < height && !cancel.load(std::memory_order_relaxed); ++y) {
-    const float* const row = disparity + static_cast<size_t>(y) * width;
-    kernels.go_on(row, width, difference, go_on.data());
-    kernels.have_values(row, width, ends.data());
-    std::swap(begins, above_begins);
+  // Finds the regions of a band, as if there were no other rows.
+  void search(int begin, int end, const Cancel& cancel) {
+    Bits here(words_), above(words_), meets(words_), has_value(words_);
+    int count = begin * width_;
+    for (int y = begin; y < end; ++y) {
+      if (cancel.load(std::memory_order_relaxed)) return;
+      std::swap(here, above);
+      cut(y, here);
+      kernels_.have_values(row(y), width_, has_value.data());
+      int *first = first_.get() + count, *last = last_.get() + count;
+      for (size_t w = 0; w < words_; ++w) {
+        const int start = y * width_ + static_cast<int>(64 * w);
+        const uint64_t next = w + 1 < words_ ? here[w + 1] << 63 : uint64_t{1} << 63;
+        each_bit(has_value[w] & here[w], [&](int x) { *first++ = start + x; });
+        each_bit(has_value[w] & (here[w] >> 1 | next), [&](int x) { *last++ = start + x; });
+      }
+      begin_[y] = count;
+      for (const int stop = static_cast<int>(first - first_.get()); count < stop; ++count) parent_[count] = count;
+      end_[y] = count;
+      if (y > begin) join(y, here, above, meets, [](int, int) {});
+    }
+    // What a run knows comes before it, and so knows its own first one already.
+    for (int run = begin * width_; run < count; ++run) {
+      const int known = parent_[run] = parent_[parent_[run]], length = last_[run] + 1 - first_[run];
+      pixels_[run] = length;
+      if (known != run) pixels_[known] += length;
+    }
+  }
+
+  // Joins the regions of a band that begins with this row with those of the one before.
+  void join(int y) {
+    Bits here(words_), above(words_), meets(words_);
+    cut(y, here);
+    cut(y - 1, above);
+    join(y, here, above, meets, [&](int root, int other) { pixels_[root] += pixels_[other]; });
+  }
+
+  // Calls visit(first pixel, last pixel, region) for each run of a row, a region being told by its first run.
+  template <class Visit>
+  void each_run(int y, Visit visit) const {
+    for (int run = begin_[y]; run < end_[y]; ++run) {
+      int root = parent_[run];
+      while (parent_[root] != root) root = parent_[root];
+      visit(first_[run], last_[run], root);
+    }
+  }
+  int pixels(int region) const { return pixels_[region]; }
+  // Regions are told by numbers below this.
+  int limit() const { return end_.back(); }
+
+ private:
+  using Bits = std::vector<uint64_t>;
+
+  const float* row(int y) const { return disparity_ + static_cast<size_t>(y) * width_; }
+
+  // The pixels that do not go on from the one before.
+  void cut(int y, Bits& bits) const {
+    bits.back() = 0;  // the last pixel, which may be alone in it, goes on into none
+    kernels_.go_on(row(y), width_, difference_, bits.data());
     uint64_t before = 0;
-    for (size_t w = 0; w < words; ++w) {
-      begins[w] = ~(go_on[w] << 1 | before);
-      before = go_on[w] >> 63;
-      starts[w] = ends[w] & begins[w];
-      ends[w] &= ~go_on[w];
+    for (auto& word : bits) {
+      const uint64_t own = word;
+      word = ~(own << 1 | before);
+      before = own >> 63;
     }
-    above = own;
-    own = static_cast<int>(first.size());
-    append(starts, y * width, first);
-    append(ends, y * width, last);
-    for (size_t k = own; k < first.size(); ++k) parent.push_back(static_cast<int>(k));
-    if (y == 0) continue;
-    kernels.meet(row, row - width, width, difference, meets.data());
-    // Of pixels side by side that meet those above in the same two runs the first one counts.
-    before = 0;
-    for (size_t w = 0; w < words; ++w) {
-      const uint64_t all = meets[w];
-      meets[w] = all & (begins[w] | above_begins[w] | ~(all << 1 | before));
-      before = all >> 63;
-    }
-    int run = own, other = above;
-    each_bit(meets, [&](int x) {
-      while (last[run] < y * width + x) ++run;
-      while (last[other] < (y - 1) * width + x) ++other;
-      const int one = root(run), two = root(other);
-      parent[std::max(one, two)] = std::min(one, two);
-    });
   }
-  // What a run knows comes before it, and so knows its own first one already.
-  found.pixels.resize(parent.size());
-  for (size_t k = 0; k < parent.size(); ++k) {
-    parent[k] = parent[parent[k]];
-    found.pixels[parent[k]] += last[k] + 1 - first[k];
-  }
-  return found;
-}
 
-// Calls visit(the regions, cancel) unless cancelled.
-template <class Visit>
-void with_regions(const float* disparity, int height, int width, float difference, const RowKernels& kernels,
-                  const Workers& workers, Visit visit) {
-  if (!width) return;
-  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
-    const Regions found = regions(disparity, height, width, difference, kernels, cancel);
-    if (!cancel.load(std::memory_order_relaxed)) visit(found, cancel);
-  });
-}
+  int root_of(int run) {
+    while (parent_[run] != run) run = parent_[run] = parent_[parent_[run]];
+    return run;
+  }
+
+  // Joins the runs of a row with those of the row above; told(root, other) of each two that become one.
+  template <class Told>
+  void join(int y, const Bits& here, const Bits& above, Bits& meets, Told told) {
+    kernels_.meet(row(y), row(y - 1), width_, difference_, meets.data());
+    int run = begin_[y], other = begin_[y - 1];
+    uint64_t before = 0;
+    for (size_t w = 0; w < words_; ++w) {
+      // Of pixels side by side that meet those above in the same two runs the first one counts.
+      const uint64_t all = meets[w], counting = all & (here[w] | above[w] | ~(all << 1 | before));
+      before = all >> 63;
+      const int start = y * width_ + static_cast<int>(64 * w);
+      each_bit(counting, [&](int x) {
+        while (last_[run] < start + x) ++run;
+        while (last_[other] < start + x - width_) ++other;
+        const int one = root_of(run), two = root_of(other);
+        if (one == two) return;
+        parent_[std::max(one, two)] = std::min(one, two);
+        told(std::min(one, two), std::max(one, two));
+      });
+    }
+  }
+
+  const float* disparity_;
+  int width_;
+  size_t words_;
+  float difference_;
+  const RowKernels& kernels_;
+  size_t room_;
+  // Of each run: the pixels at its ends, one that it knows, and, of a region's first run, the pixels of all.
+  Unset<int> first_{room_}, last_{room_}, parent_{room_}, pixels_{room_};
+  std::vector<int> begin_, end_;  // of each row, the runs
+};
 
 // Calls visit(first pixel, pixels) for each run of a row that belongs to a region of fewer than `area` pixels.
 template <class Visit>
 void each_speckle(const float* disparity, int height, int width, int area, float difference, const RowKernels& kernels,
                   const Workers& workers, Visit visit) {
-  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found, const Cancel&) {
-    for (size_t k = 0; k < found.of.size(); ++k)
-      if (found.pixels[found.of[k]] < area) visit(found.first[k], found.last[k] + 1 - found.first[k]);
+  if (!width || !height) return;
+  Regions regions(disparity, height, width, difference, kernels);
+  std::vector<uint8_t> band_begins(height);
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    band_begins[begin] = 1;
+    regions.search(begin, end, cancel);
+  });
+  for (int y = 1; y < height; ++y)
+    if (band_begins[y]) regions.join(y);
+  parallel_bands(height, 16, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
+      regions.each_run(y, [&](int first, int last, int region) {
+        if (regions.pixels(region) < area) visit(first, last + 1 - first);
+      });
   });
 }
 
@@ -270,28 +354,37 @@ void refuse_speckle(int height, int width, int area, float difference, const Ref
 
 void cut_off(const float* disparity, int height, int width, int left, int area, float difference, float nearer,
              uint8_t* cut_off, const RowKernels& kernels, const Workers& workers) {
+  if (!width || !height) return;
   std::memset(cut_off, 0, static_cast<size_t>(height) * width);
-  with_regions(disparity, height, width, difference, kernels, workers, [&](const Regions& found, const Cancel& cancel) {
-    const size_t runs = found.of.size();
-    std::vector<uint8_t> cut(runs);
+  parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    Regions regions(disparity, height, width, difference, kernels);
+    regions.search(0, height, cancel);
+    if (cancel.load(std::memory_order_relaxed)) return;
+    std::vector<uint8_t> cut(regions.limit());
     // What is cut off no longer stands between what is left of it and what is right of it.
     for (bool more = true; more && !cancel.load(std::memory_order_relaxed);) {
-      std::vector<int> ends(runs), hidden(runs);
-      for (size_t k = 0, before = runs; k < runs; ++k) {
-        if (cut[found.of[k]]) continue;
-        const size_t own = std::exchange(before, k);
-        if (own == runs || found.of[own] == found.of[k] || found.last[own] / width != found.first[k] / width) continue;
-        const int end = found.last[own];
-        const float beside = disparity[found.first[k]];
-        ++ends[found.of[own]];
-        hidden[found.of[own]] += beside > disparity[end] + nearer && beside > static_cast<float>(left + end % width);
+      std::vector<int> ends(cut.size()), hidden(cut.size());
+      for (int y = 0; y < height; ++y) {
+        int end = -1, own = -1;  // of the answers before
+        regions.each_run(y, [&](int first, int last, int region) {
+          if (cut[region]) return;
+          if (own >= 0 && own != region) {
+            const float beside = disparity[first];
+            ++ends[own];
+            hidden[own] += beside > disparity[end] + nearer && beside > static_cast<float>(left + end % width);
+          }
+          end = last;
+          own = region;
+        });
       }
       more = false;
-      for (size_t k = 0; k < runs; ++k)
-        if (hidden[k] && 2 * hidden[k] >= ends[k] && found.pixels[k] < area) cut[k] = more = true;
+      for (int k = 0; k < regions.limit(); ++k)
+        if (hidden[k] && 2 * hidden[k] >= ends[k] && regions.pixels(k) < area) cut[k] = more = true;
     }
-    for (size_t k = 0; k < runs; ++k)
-      if (cut[found.of[k]]) std::memset(cut_off + found.first[k], 1, found.last[k] + 1 - found.first[k]);
+    for (int y = 0; y < height; ++y)
+      regions.each_run(y, [&](int first, int last, int region) {
+        if (cut[region]) std::memset(cut_off + first, 1, last + 1 - first);
+      });
   });
 }
 

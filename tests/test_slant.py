@@ -258,11 +258,12 @@ def test_left_right_of_maps_by_hand():
     shape=some.tuples(some.integers(1, 3), some.integers(1, 12)),
     low=some.integers(-6, 4),
     span=some.integers(1, 9),
-    tolerance=some.sampled_from([0.0, 0.5, 1.0, 2.25, 50.0]),
+    tolerance=some.sampled_from([0.0, 0.5, 1.0, 2.25, 50.0, float("inf")]),
+    threads=some.sampled_from([1, 3]),
     seed=SEEDS,
 )
 @settings(max_examples=80, deadline=None)
-def test_left_right_of_any_maps(shape, low, span, tolerance, seed):
+def test_left_right_of_any_maps(shape, low, span, tolerance, threads, seed):
     rng = np.random.default_rng(seed)
     left, right = (
         np.where(rng.random(shape) < 0.2, N, rng.integers(-24, 24, shape) / 4).astype(np.float32)
@@ -270,7 +271,7 @@ def test_left_right_of_any_maps(shape, low, span, tolerance, seed):
     )
     disparities = Disparities(low, low + span)
     np.testing.assert_array_equal(
-        validate.left_right_maps(left, right, disparities, tolerance),
+        validate.left_right_maps(left, right, disparities, tolerance, threads),
         reference.left_right_maps(left, right, disparities, tolerance),
     )
 

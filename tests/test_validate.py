@@ -225,20 +225,21 @@ def test_speckle_by_hand():
     ),
     area=some.integers(0, 20),
     difference=some.sampled_from([0, 0.5, 1, 3]),
+    threads=some.sampled_from([1, 2, 3, 7]),
     seed=SEEDS,
 )
 @settings(max_examples=60, deadline=None)
-def test_speckle_of_any_map(instructions, shape, area, difference, seed):
+def test_speckle_of_any_map(instructions, shape, area, difference, threads, seed):
     found = answers(shape, seed)
     disparity = found[0].copy()
     where = reference.speckle(disparity, area, difference)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(_instructions.ENVIRONMENT, instructions)
-        np.testing.assert_array_equal(validate.speckle(disparity, area, difference), where)
+        np.testing.assert_array_equal(validate.speckle(disparity, area, difference, threads), where)
         np.testing.assert_array_equal(disparity, found[0])
         expected = refused(where, Flag.SPECKLE, *found)
         disparity, confidence, flags = found
-        validate.refuse_speckle(disparity, area, difference, confidence, flags)
+        validate.refuse_speckle(disparity, area, difference, confidence, flags, threads)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
 

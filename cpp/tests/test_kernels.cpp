@@ -748,7 +748,7 @@ void test_texture() {
 
 void test_speckle() {
   Random random{9};
-  for (int round = 0; round < 60; ++round) {
+  for (int round = 0; round < 200; ++round) {
     const int H = random.between(1, 9), W = random.below(4) ? random.between(1, 9) : 64 + random.between(-2, 2);
     const int area = random.below(12);
     const float difference = static_cast<float>(random.below(4)) * 0.5f;
@@ -756,7 +756,8 @@ void test_speckle() {
     for (int k = 0; k < H * W; ++k)
       map.push_back(random.below(5) ? static_cast<float>(random.below(6)) * 0.5f : std::numeric_limits<float>::quiet_NaN());
     std::vector<uint8_t> found(map.size());
-    speckle(map.data(), H, W, area, difference, found.data(), any_rows(random), kAlone);
+    const Workers workers{random.between(1, 4), [] { return false; }};
+    speckle(map.data(), H, W, area, difference, found.data(), any_rows(random), workers);
     // Labels spread until nothing changes any more.
     std::vector<int> label(map.size());
     for (int k = 0; k < H * W; ++k) label[k] = k;
@@ -776,7 +777,7 @@ void test_speckle() {
     }
     std::vector<float> refused = map, confidence(map.size(), 1);
     std::vector<uint8_t> flags(map.size(), 1);
-    refuse_speckle(H, W, area, difference, {refused.data(), confidence.data(), flags.data(), 64}, any_rows(random), kAlone);
+    refuse_speckle(H, W, area, difference, {refused.data(), confidence.data(), flags.data(), 64}, any_rows(random), workers);
     for (int k = 0; k < H * W; ++k)
       right = right && std::isnan(refused[k]) == (found[k] || std::isnan(map[k])) && confidence[k] == (found[k] ? 0 : 1) &&
               flags[k] == (found[k] ? 65 : 1);
@@ -800,6 +801,34 @@ void test_speckle() {
     cut_off(map.data(), H, W, left, area, difference, 1, found.data(), any_rows(random), kAlone);
     for (int k = 0; k < H * W; ++k) right = right && found[k] == cut[label[k]];
     CHECK(right, text(H) + "x" + text(W) + " cut off");
+  }
+}
+
+void test_left_right_of_maps() {
+  Random random{77};
+  for (int round = 0; round < 100; ++round) {
+    const int H = random.between(1, 5), W = random.between(1, 12), least = random.between(-6, 4), most = least + random.below(9);
+    const double tolerance = random.below(5) * 0.75;
+    std::vector<float> left, right;
+    for (auto* map : {&left, &right})
+      for (int k = 0; k < H * W; ++k)
+        map->push_back(random.below(5) ? static_cast<float>(random.between(-24, 24)) * 0.25f : std::numeric_limits<float>::quiet_NaN());
+    std::vector<uint8_t> flags(left.size(), 99);
+    const Workers workers{random.between(1, 4), [] { return false; }};
+    left_right_maps(left.data(), right.data(), H, W, least, most, tolerance, flags.data(), workers);
+    bool agree = true;
+    for (int y = 0; y < H; ++y)
+      for (int x = 0; x < W; ++x) {
+        const float* const there = right.data() + y * W;
+        const float own = left[y * W + x];
+        const int match = static_cast<int>(std::nearbyint(x - (std::isnan(own) ? 0 : own)));
+        const bool met = match >= 0 && match < W && std::fabs(there[match] - own) <= tolerance;
+        bool claimed = false;
+        for (int u = 0; u < W; ++u)
+          claimed = claimed || (std::fabs(u + there[u] - x) <= tolerance && x - u >= least && x - u <= most);
+        agree = agree && flags[y * W + x] == (std::isnan(own) || met ? 0 : claimed ? 2 : 1);
+      }
+    CHECK(agree, text(H) + "x" + text(W));
   }
 }
 
@@ -1394,7 +1423,8 @@ void test_gaussian_threads_and_interruption() {
     }
 }
 
-void test_bands() {
+// With the crew at hand, if there is one.
+void test_bands_of_any_crew() {
   for (const int rows : {1, 2, 7, 100})
     for (const int threads : {1, 2, 3, 7, 200}) {
       std::vector<std::atomic<int>> visits(rows);
@@ -1412,6 +1442,88 @@ void test_bands() {
     thrown = std::string(error.what()) == "band";
   }
   CHECK(thrown, "what a band throws reaches the caller");
+}
+
+void test_bands() {
+  test_bands_of_any_crew();
+  Crew crew;
+  const AtHand lent(&crew);
+  test_bands_of_any_crew();
+  test_bands_of_any_crew();  // by threads that are there already, and that have seen a band throw
+}
+
+void test_bands_wait_for_one_another() {
+  Crew crew;
+  const AtHand lent(&crew);
+  for (int round = 0; round < 200; ++round) {
+    const int bands = 1 + round % 7;
+    std::atomic<int> begun{0};
+    parallel_rows(bands, bands, [] { return false; }, [&](int, int, const Cancel&) {
+      ++begun;
+      while (begun < bands) std::this_thread::yield();
+    });
+    CHECK(begun == bands, text(bands));
+  }
+}
+
+void test_bands_within_bands() {
+  Crew crew;
+  const AtHand lent(&crew);
+  std::atomic<int> visits{0}, lent_on{0};
+  parallel_rows(3, 3, [] { return false; }, [&](int, int, const Cancel&) {
+    lent_on += crew_at_hand() != nullptr;
+    parallel_rows(5, 2, [] { return false; }, [&](int begin, int end, const Cancel&) { visits += end - begin; });
+  });
+  CHECK(visits == 15 && lent_on == 0, text(visits) + ", " + text(lent_on));
+  CHECK(crew_at_hand() == &crew, "the crew is at hand again");
+}
+
+void test_crews_of_many_threads() {
+  std::vector<std::thread> callers;
+  std::atomic<int> wrong{0};
+  for (int caller = 0; caller < 6; ++caller)
+    callers.emplace_back([&wrong, caller] {
+      for (int turn = 0; turn < 5; ++turn) {
+        Crew crew;
+        const AtHand lent(&crew);
+        for (int section = 0; section < 40; ++section) {
+          std::vector<int> rows(50, -1);
+          parallel_rows(50, 1 + (caller + section) % 4, [] { return false; }, [&](int begin, int end, const Cancel&) {
+            for (int y = begin; y < end; ++y) rows[y] = y * section;
+          });
+          for (int y = 0; y < 50; ++y) wrong += rows[y] != y * section;
+          // Long enough for the others to go to sleep.
+          if (section % 20 == 19) std::this_thread::sleep_for(2 * kSoon);
+        }
+      }
+    });
+  for (auto& caller : callers) caller.join();
+  CHECK(wrong == 0, text(wrong));
+}
+
+void test_a_crew_is_interrupted() {
+  Crew crew;
+  const AtHand lent(&crew);
+  for (const bool own : {true, false}) {
+    const auto start = std::chrono::steady_clock::now();
+    bool interrupted = false;
+    const auto caller = std::this_thread::get_id();
+    std::atomic<int> begun{0};
+    try {
+      // Bands that end once they are told to: this thread's, or the others' while this one waits.
+      parallel_rows(3, 3, [] { return true; }, [&](int, int, const Cancel& cancel) {
+        ++begun;
+        while (begun < 3) std::this_thread::yield();
+        while ((std::this_thread::get_id() == caller) == own && !cancel.load(std::memory_order_relaxed)) std::this_thread::yield();
+      });
+    } catch (const Interrupted&) {
+      interrupted = true;
+    }
+    CHECK(interrupted && seconds_since(start) < 5, own ? "its own" : "another's");
+    int rows = 0;
+    parallel_rows(3, 1, [] { return false; }, [&](int begin, int end, const Cancel&) { rows += end - begin; });
+    CHECK(rows == 3, "what comes after it");
+  }
 }
 
 void test_dispatch() {
@@ -1925,6 +2037,10 @@ int main() {
   };
   timed("dispatch", test_dispatch);
   timed("bands", test_bands);
+  timed("bands that wait for one another", test_bands_wait_for_one_another);
+  timed("bands within bands", test_bands_within_bands);
+  timed("crews of many threads", test_crews_of_many_threads);
+  timed("a crew is interrupted", test_a_crew_is_interrupted);
   timed("grey", test_grey);
   timed("halving", test_halving);
   timed("terms and box", test_terms_and_box);
@@ -1947,6 +2063,7 @@ int main() {
   timed("semi-global matching of a census", test_census_matching);
   timed("texture", test_texture);
   timed("speckle", test_speckle);
+  timed("left and right of maps", test_left_right_of_maps);
   timed("flood", test_flood);
   timed("label", test_label);
   timed("median", test_median);

@@ -1,6 +1,7 @@
 """The compiled kernels. Private: shapes, dtypes and ranges are checked, but in few words."""
 
-from typing import Any, overload
+from collections.abc import Callable
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +11,12 @@ _I32 = npt.NDArray[np.int32]
 _I64 = npt.NDArray[np.int64]
 _F32 = npt.NDArray[np.float32]
 _F64 = npt.NDArray[np.float64]
+_T = TypeVar("_T")
 
 narrow_limit: int
 largest_stride: int
 
+def with_crew(work: Callable[[], _T], /) -> _T: ...
 def instruction_sets() -> list[str]: ...
 @overload
 def grey(rgb: _U8, out: _U8, threads: int, instructions: str, /) -> None: ...
@@ -296,7 +299,7 @@ def move_rows(
     instructions: str,
     /,
 ) -> None: ...
-def halve(image: _U8, means: _U8, instructions: str, /) -> None: ...
+def halve(image: _U8, means: _U8, threads: int, instructions: str, /) -> None: ...
 def corners(
     image: _U8,
     tile: int,
@@ -413,7 +416,12 @@ def refuse_dull(
     instructions: str,
     /,
 ) -> None: ...
-def speckle(disparity: _F32, area: int, difference: float, out: _U8, instructions: str, /) -> None: ...
+def left_right_maps(
+    left: _F32, right: _F32, least: int, most: int, tolerance: float, flags: _U8, threads: int, /
+) -> None: ...
+def speckle(
+    disparity: _F32, area: int, difference: float, out: _U8, threads: int, instructions: str, /
+) -> None: ...
 def refuse_speckle(
     area: int,
     difference: float,
@@ -421,6 +429,7 @@ def refuse_speckle(
     disparity: _F32,
     confidence: _F32,
     flags: _U8,
+    threads: int,
     instructions: str,
     /,
 ) -> None: ...

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import (
+    _core,
     _fused,
     aggregate,
     confidence,
@@ -200,17 +201,8 @@ def match(
         if value is not UNSET
     }
     chosen = _settings(settings, preset, changes)
-    timings: dict[str, float] = {}
     pair = _pair(left, right)
-    if chosen.disparities is None:
-        with _timed(timings, "range"):
-            chosen = chosen.changed(
-                disparities=estimate_disparities(pair.left, pair.right, threads=chosen.threads)
-            )
-    pixels = None
-    if chosen.vertical == "estimate":
-        chosen, pixels = _with_vertical(pair, chosen, timings)
-    return _match(pair, chosen, start, timings, pixels)
+    return _core.with_crew(lambda: _match_whole(pair, chosen, start))
 
 
 def match_part(
@@ -235,8 +227,26 @@ def match_part(
     """
     start = time.perf_counter()
     pair = _pair(left, right)
-    pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
-    return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
+
+    def work() -> Result:
+        pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
+        return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
+
+    return _core.with_crew(work)
+
+
+def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
+    """Match with what is left to the images estimated from them."""
+    timings: dict[str, float] = {}
+    if chosen.disparities is None:
+        with _timed(timings, "range"):
+            chosen = chosen.changed(
+                disparities=estimate_disparities(pair.left, pair.right, threads=chosen.threads)
+            )
+    pixels = None
+    if chosen.vertical == "estimate":
+        chosen, pixels = _with_vertical(pair, chosen, timings)
+    return _match(pair, chosen, start, timings, pixels)
 
 
 def _match(
@@ -323,7 +333,7 @@ def _match(
             refine.median(disparity, chosen.median, chosen.threads, into=disparity)
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
-            validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags)
+            validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags, chosen.threads)
     if chosen.sky:
         with _timed(timings, "sky"):
             # Unchecked winners are of no use as witnesses against the sky.
@@ -642,11 +652,13 @@ def _match_tiles(
 
 def _coarse(pixels: cost.Pixels, seen: Disparities, levels: int, threads: int) -> DisparityMap:
     """A reliable map of images that were halved so often, in their own pixels."""
-    left, right = (rectify.pyramid(rectify.eight_bit(image[..., 0]), levels)[-1] for image in pixels[:2])
+    left, right = (
+        rectify.pyramid(rectify.eight_bit(image[..., 0]), levels, threads)[-1] for image in pixels[:2]
+    )
     found = _halved_map(left, right, seen, levels, 2.0, threads)
     if found is None:
         return np.full((max(1, left.shape[0]), max(1, left.shape[1])), np.nan, np.float32)
-    found[validate.speckle(found, 20, 1.0)] = np.nan
+    found[validate.speckle(found, 20, 1.0, threads)] = np.nan
     return found
 
 
@@ -910,7 +922,9 @@ def _merge(
     _refuse(flags != 0, Flag(0), disparity, confidence, flags)
     if chosen.left_right is not None:
         with _timed(timings, "validate"):
-            failed = validate.left_right_maps(disparity, right_disparity, seen, chosen.left_right)
+            failed = validate.left_right_maps(
+                disparity, right_disparity, seen, chosen.left_right, chosen.threads
+            )
             for flag in (Flag.OCCLUDED, Flag.MISMATCHED):
                 _refuse(failed == flag, flag, disparity, confidence, flags)
     if "right_disparity" in chosen.keep:
@@ -1092,7 +1106,7 @@ def _with_vertical(
 def _vertical(pixels: cost.Pixels, disparities: Disparities, threads: int) -> Vertical:
     width = pixels.left.shape[1]
     count = rectify.levels(width)
-    mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count) for image in pixels[:2])
+    mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count, threads) for image in pixels[:2])
     first = coarse_map(mine[-1], other[-1], disparities, width, threads)
     if first is None:
         return Vertical(0.0)

@@ -94,18 +94,18 @@ def ends_of(sample: npt.NDArray[Any]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def halved(image: Bytes) -> Bytes:
+def halved(image: Bytes, threads: int = 0) -> Bytes:
     """The rounded mean of each 2 x 2 pixels; an odd last row or column is left out."""
     means = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.uint8)
-    _core.halve(image, means, _instructions.forced())
+    _core.halve(image, means, threads, _instructions.forced())
     return means
 
 
-def pyramid(image: Bytes, count: int) -> list[Bytes]:
+def pyramid(image: Bytes, count: int, threads: int = 0) -> list[Bytes]:
     """The image, halved 0, 1, ... `count` times."""
     found = [image]
     for _ in range(count):
-        found.append(halved(found[-1]))
+        found.append(halved(found[-1], threads))
     return found
 
 
@@ -157,7 +157,8 @@ def first_motion(start: Floats) -> Floats:
     """Columns and rows, (N, 2), by which points move where a map of the last level answers that, in pixels of
     the level before it.
     """
-    motion: Floats = np.stack((-2 * start, np.zeros_like(start)), axis=1)
+    motion = np.zeros((len(start), 2))
+    np.multiply(start, -2, out=motion[:, 0])
     return motion
 
 

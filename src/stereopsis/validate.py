@@ -106,7 +106,7 @@ def left_right(
 
 
 def left_right_maps(
-    left: DisparityMap, right: DisparityMap, disparities: Disparities, tolerance: float
+    left: DisparityMap, right: DisparityMap, disparities: Disparities, tolerance: float, threads: int = 0
 ) -> npt.NDArray[np.uint8]:
     """The same check of two maps with disparities between the candidates.
 
@@ -120,37 +120,17 @@ def left_right_maps(
         The range, of which a candidate must be to have been agreed with.
     tolerance : float
         Pixels.
+    threads : int
+        0: all cores.
 
     Returns
     -------
     ndarray of uint8, (H, W)
         Bits of `Flag`; 0 where the left view has no answer.
     """
-    height, width = left.shape
-    columns = np.arange(width)
-    answered = np.isfinite(left)
-    there = np.rint(columns - np.where(answered, left, 0)).astype(np.int64)
-    answer = np.take_along_axis(right, np.clip(there, 0, width - 1), axis=1)
-    inside = (there >= 0) & (there < width)
-    failed = answered & ~(inside & (np.abs(answer - left) <= tolerance))
-
-    # Right pixel u claims the left pixels from u + d - tolerance to u + d + tolerance, the range permitting.
-    low, high = columns + disparities.min, columns + disparities.max - 1
-    claims = np.isfinite(right)
-    match = columns + np.where(claims, right, 0)
-    first = np.clip(np.maximum(np.ceil(match - tolerance), low), 0, width).astype(np.int64)
-    last = np.clip(np.minimum(np.floor(match + tolerance), high) + 1, 0, width).astype(np.int64)
-    claims &= first < last
-    rows = np.broadcast_to(np.arange(height)[:, None] * (width + 1), claims.shape)[claims]
-    size = height * (width + 1)
-    changes = np.bincount(rows + first[claims], minlength=size) - np.bincount(
-        rows + last[claims], minlength=size
-    )
-    possible = np.cumsum(changes.reshape(height, width + 1), axis=1)[:, :width] > 0
-
-    flags = np.zeros(left.shape, np.uint8)
-    flags[failed & possible] = Flag.MISMATCHED
-    flags[failed & ~possible] = Flag.OCCLUDED
+    flags = np.empty(left.shape, np.uint8)
+    one, other = np.ascontiguousarray(left), np.ascontiguousarray(right)
+    _core.left_right_maps(one, other, disparities.min, disparities.max - 1, tolerance, flags, threads)
     return flags
 
 
@@ -250,7 +230,7 @@ def _mean(image: npt.NDArray[Any], window: tuple[int, int]) -> npt.NDArray[np.fl
     return sums / np.float64(window[0] * window[1] * image.shape[2])
 
 
-def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
+def speckle(disparity: DisparityMap, area: int, difference: float, threads: int = 0) -> BoolMap:
     """Regions too small to be believed.
 
     Parameters
@@ -261,9 +241,12 @@ def speckle(disparity: DisparityMap, area: int, difference: float) -> BoolMap:
     difference : float
         Neighbours, of which a pixel has four, belong to one region where they differ by at most this (pixels
         of disparity).
+    threads : int
+        0: all cores.
     """
     found = np.empty(disparity.shape, np.uint8)
-    _core.speckle(np.ascontiguousarray(disparity), area, difference, found, _instructions.forced())
+    map_ = np.ascontiguousarray(disparity)
+    _core.speckle(map_, area, difference, found, threads, _instructions.forced())
     return found.view(bool)
 
 
@@ -407,11 +390,12 @@ def refuse_speckle(
     difference: float,
     confidence: npt.NDArray[np.float32],
     flags: npt.NDArray[np.uint8],
+    threads: int = 0,
 ) -> None:
     """Refuse, in place and as `Flag.SPECKLE`, what `speckle` finds; the arrays are as in `refuse_dull`."""
     _require_contiguous(disparity, confidence, flags)
-    instructions = _instructions.forced()
-    _core.refuse_speckle(area, difference, Flag.SPECKLE.value, disparity, confidence, flags, instructions)
+    answers, instructions = (disparity, confidence, flags), _instructions.forced()
+    _core.refuse_speckle(area, difference, Flag.SPECKLE.value, *answers, threads, instructions)
 
 
 def _require_contiguous(

@@ -57,10 +57,10 @@ static STEREOPSIS_INLINE void add_terms(double weight, const double* l, const do
 
 // ---- from means to costs --------------------------------------------------------------------------------------------
 
-// What is left of the mean of squares without the squared means; nothing where rounding may have left it.
+// What is left of the mean of squares without the squared means; nothing where that is not known to a millionth.
 static STEREOPSIS_INLINE double deviation_of(double square, double of_means) {
   const double rest = square - of_means;
-  return rest > 1e-12 * square ? rest : 0.0;
+  return rest > 1e-9 * square ? rest : 0.0;
 }
 
 // planes[p][i] times `scale` are the means of candidate i.

@@ -120,8 +120,8 @@ def between(kind, weight, left, right):
         return (weight * (left - right) ** 2).sum()
     squares = [(weight * centred**2).sum() for centred in (left, right)]
     norm = np.sqrt(squares[0] * squares[1])
-    # Under a millionth of a millionth of the mean square, it is rounding alone.
-    has_norm = all(square > 1e-12 * whole for square, whole in zip(squares, wholes, strict=True))
+    # Under a billionth of the mean square it is not known to a millionth.
+    has_norm = all(square > 1e-9 * whole for square, whole in zip(squares, wholes, strict=True))
     return -(weight * left * right).sum() / norm if has_norm else 0.0
 
 

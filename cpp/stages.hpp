@@ -127,6 +127,8 @@ void select_right(const T* volume, int height, const Lattice& lattice, int count
                   const Workers& workers);
 
 // ---- the same three stages at once, streaming ------------------------------------------------------------------------
+// Of a pair of int32 images.
+Range range_of(const Pair& pair);
 void match(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedKernel& kernel, const FusedOutput& out,
            const Workers& workers);
 

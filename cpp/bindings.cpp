@@ -775,6 +775,14 @@ NB_MODULE(_core, m) {
     run(threads, [&](const Workers& workers) { halve(image.data(), H, W, means.data(), kernels, workers); });
   });
 
+  m.def("stretch", [](const Array<const int32_t, 2>& image, double low, double factor, const Array<uint8_t, 2>& bytes,
+                      const std::string& instructions) {
+    const int H = image.shape(0), W = image.shape(1);
+    require_shape(bytes, H, W);
+    const RowKernels& kernels = choose_rows(instructions);
+    run(1, [&](const Workers& workers) { stretch(image.data(), H, W, low, factor, bytes.data(), kernels, workers); });
+  });
+
   m.def("corners", [](const Array<const uint8_t, 2>& image, int tile, int stride, int reach, double least,
                       const Array<int32_t, 3>& found, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1);

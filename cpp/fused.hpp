@@ -29,6 +29,15 @@ struct Pair {
   int count;  // number of candidates
 };
 
+// The pixels of both images lie between these; unknown where there is none between.
+struct Range {
+  int32_t least = 0, most = -1;
+  bool known() const { return least <= most; }
+  // From the middle, which may be the upper one of two, no pixel is further.
+  int64_t reach() const { return (int64_t{most} - least + 1) / 2; }
+  int32_t middle() const { return static_cast<int32_t>(least + reach()); }
+};
+
 struct FusedSettings {
   CostKind cost;
   Window window;
@@ -37,6 +46,7 @@ struct FusedSettings {
   double tolerance;  // pixels
   bool uniqueness;
   double ratio;  // 1 + margin
+  Range range = {};  // of images that are not bytes
 };
 
 struct FusedOutput {
@@ -55,6 +65,18 @@ struct FusedOutput {
 constexpr int64_t narrow_limit = 32896;
 inline bool narrow_fits(const Window& window, int channels) { return window.area() * channels <= narrow_limit; }
 
+// What is summed for ZNCC of one channel counts from the middle of the images' range. Then these bound covariances and what means
+// leave over of them, window sums to be split into a byte and a signed 16-bit number, and pixels and window sizes:
+inline bool words_fit(const Range& range, const Window& window) {
+  const int64_t reach = range.reach(), area = window.area();
+  return range.known() && reach < 1 << 15 && area < 1 << 15 && area * reach < 1 << 23 && area * (reach * reach + 1) < int64_t{1} << 31;
+}
+// 4 times as much is still exact as a double.
+inline bool doubles_fit(const Range& range, const Window& window) {
+  const int64_t reach = range.reach();
+  return range.known() && reach < 1 << 22 && window.area() * (reach * reach + 1) <= int64_t{1} << 51;
+}
+
 // Whether to stop early, as whoever works asks before each row: a flag that all threads share. Whom Python waits for finds out
 // by it as well whether an answer is still wanted.
 class Cancel {
@@ -70,6 +92,12 @@ class Cancel {
   const std::atomic<bool>* shared_ = nullptr;
   Ask ask_ = nullptr;
   void* whom_ = nullptr;
+};
+
+// ZNCC of int32 images of one channel where `doubles_fit`: as FusedKernel has it.
+struct DeepKernel {
+  size_t (*scratch_bytes)(const Pair&, const FusedSettings&);
+  void (*rows)(const Pair&, const FusedSettings&, const FusedOutput&, int begin, int end, void* scratch, const Cancel& cancel);
 };
 
 struct SupportKernels;

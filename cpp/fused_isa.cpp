@@ -38,7 +38,18 @@ void with_kernel(const Pair& pair, const FusedSettings& settings, bool narrow, v
   }
 }
 
+}  // namespace
+
+extern const DeepKernel deep;
+
+namespace {
+
+bool is_deep(const Pair& pair, const FusedSettings& settings, bool narrow) {
+  return !narrow && settings.cost == CostKind::zncc && pair.channels == 1 && doubles_fit(settings.range, settings.window);
+}
+
 size_t scratch_bytes(const Pair& pair, const FusedSettings& settings, bool narrow) {
+  if (is_deep(pair, settings, narrow)) return deep.scratch_bytes(pair, settings);
   size_t bytes = 0;
   with_kernel(pair, settings, narrow, nullptr, [&](const auto& kernel) { bytes = kernel.bytes(); });
   return bytes;
@@ -46,6 +57,7 @@ size_t scratch_bytes(const Pair& pair, const FusedSettings& settings, bool narro
 
 void rows(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedOutput& out, int begin, int end,
           void* scratch, const Cancel& cancel) {
+  if (is_deep(pair, settings, narrow)) return deep.rows(pair, settings, out, begin, end, scratch, cancel);
   with_kernel(pair, settings, narrow, scratch, [&](auto&& kernel) { kernel.rows(out, begin, end, cancel); });
 }
 

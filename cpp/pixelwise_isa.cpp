@@ -301,6 +301,18 @@ static STEREOPSIS_INLINE void compare(const T* here, const Comparison* compariso
     }
     _mm512_storeu_si512(bytes, sum);
     return;
+  } else {
+    __m512i sum = _mm512_setzero_si512(), bit = _mm512_set1_epi8(1);
+    for (int k = 0; k < count; ++k, bit = _mm512_add_epi8(bit, bit)) {
+      const auto darker = [&](int x) STEREOPSIS_INLINE_LAMBDA {
+        const T* const at = here + x;
+        return _mm512_cmplt_epi32_mask(_mm512_loadu_si512(at + comparisons[k].first), _mm512_loadu_si512(at + comparisons[k].second));
+      };
+      const __mmask64 all = _mm512_kunpackd(_mm512_kunpackw(darker(48), darker(32)), _mm512_kunpackw(darker(16), darker(0)));
+      sum = _mm512_mask_add_epi8(sum, all, sum, bit);
+    }
+    _mm512_storeu_si512(bytes, sum);
+    return;
   }
 #elif STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
   if constexpr (sizeof(T) == 1) {
@@ -312,6 +324,22 @@ static STEREOPSIS_INLINE void compare(const T* here, const Comparison* compariso
         sum = _mm256_or_si256(sum, _mm256_andnot_si256(_mm256_cmpeq_epi8(_mm256_max_epu8(first, second), first), bit));
       }
       _mm256_storeu_si256(reinterpret_cast<__m256i*>(bytes + x), sum);
+    }
+    return;
+  } else {
+    for (int x = 0; x < kStretch; x += 32) {
+      __m256i sum = _mm256_setzero_si256(), bit = _mm256_set1_epi8(1);
+      for (int k = 0; k < count; ++k, bit = _mm256_add_epi8(bit, bit)) {
+        const auto darker = [&](int at) STEREOPSIS_INLINE_LAMBDA {
+          const auto load = [](const T* p) STEREOPSIS_INLINE_LAMBDA { return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)); };
+          return _mm256_cmpgt_epi32(load(here + x + at + comparisons[k].second), load(here + x + at + comparisons[k].first));
+        };
+        const __m256i mixed = _mm256_packs_epi16(_mm256_packs_epi32(darker(0), darker(8)), _mm256_packs_epi32(darker(16), darker(24)));
+        sum = _mm256_or_si256(sum, _mm256_and_si256(mixed, bit));
+      }
+      // Packing works in halves of 128 bits: groups of four stand 0 2 4 6, 1 3 5 7.
+      const __m256i order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(bytes + x), _mm256_permutevar8x32_epi32(sum, order));
     }
     return;
   }

@@ -44,6 +44,17 @@ void halve(const uint8_t* image, int height, int width, uint8_t* means, const Ro
   });
 }
 
+void stretch(const int32_t* image, int height, int width, double low, double factor, uint8_t* bytes, const RowKernels& kernels,
+             const Workers& workers) {
+  const int64_t pixels = static_cast<int64_t>(height) * width;
+  quick_rows(height, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      const size_t at = static_cast<size_t>(y) * width;
+      kernels.stretch(image + at, width, low, factor, bytes + at);
+    }
+  });
+}
+
 void corners(const uint8_t* image, int height, int width, int tile, int stride, int reach, double least, int32_t* found,
              const RowKernels& kernels, const Workers& workers) {
   const Windows windows{image, image, height, width, 2 * reach + 1};

@@ -26,24 +26,33 @@ struct RowRefusal {
   uint8_t bit;
 };
 
+// Sums of gradients over windows that fit a `Sum`.
+template <class T, class Sum>
+struct GradientKernels {
+  // Adds the gradients of a row of one channel to those of the columns, and takes those of another row away.
+  void (*change)(const T* added, const T* removed, int width, Sum* columns);
+  // The sum of `size` columns from each on; both arrays have room for kRowRoom columns more.
+  void (*sum_columns)(const Sum* columns, int width, int size, Sum* sums);
+  // Refuses the pixels of a row whose sum is at most that.
+  void (*refuse_low)(const Sum* sums, Sum most, int width, const RowRefusal& refused);
+};
+
 struct RowKernels {
   // `count` grey pixels of as many of three channels, as `grey` has them.
   void (*grey_bytes)(const uint8_t* rgb, size_t count, uint8_t* grey);
   void (*grey_words)(const int32_t* rgb, size_t count, int32_t* grey);
   // The rounded means of 2 x 2 pixels of two rows, `count` of them.
   void (*halve)(const uint8_t* above, const uint8_t* below, int count, uint8_t* means);
+  // (pixel - low) times the factor, rounded to even, within 0 and 255.
+  void (*stretch)(const int32_t* row, size_t count, double low, double factor, uint8_t* bytes);
   // Columns [begin, end) of a row that lies start + slope x of the way from row 1 to row 2 of four, by cubic convolution; values
   // are counted from the lowest one and stay within the range.
   void (*between_bytes)(const uint8_t* const* rows, double start, double slope, int begin, int end, int channels, uint8_t lowest,
                         float range, uint8_t* out);
   void (*between_words)(const int32_t* const* rows, double start, double slope, int begin, int end, int channels, int32_t lowest,
                         float range, int32_t* out);
-  // Adds the gradients of a row of bytes, of one channel, to those of the columns, and takes those of another row away.
-  void (*change_gradients)(const uint8_t* added, const uint8_t* removed, int width, uint16_t* columns);
-  // The sum of `size` columns from each on; both arrays have room for kRowRoom columns more.
-  void (*sum_columns)(const uint16_t* columns, int width, int size, uint16_t* sums);
-  // Refuses the pixels of a row whose sum is at most that.
-  void (*refuse_low)(const uint16_t* sums, uint16_t most, int width, const RowRefusal& refused);
+  GradientKernels<uint8_t, uint16_t> gradients_of_bytes;
+  GradientKernels<int32_t, uint32_t> gradients_of_words;
   // Of a row's pixels, 64 a word and the first in the lowest bit, with 0 beyond the last one. Which ones go on into the next one:
   // they are apart by at most that, or neither has a value.
   void (*go_on)(const float* row, int width, float difference, uint64_t* bits);

@@ -57,6 +57,15 @@ static void halve(const uint8_t* STEREOPSIS_RESTRICT above, const uint8_t* STERE
     means[x] = static_cast<uint8_t>((above[2 * x] + above[2 * x + 1] + below[2 * x] + below[2 * x + 1] + 2) >> 2);
 }
 
+static void stretch(const int32_t* STEREOPSIS_RESTRICT row, size_t count, double low, double factor,
+                    uint8_t* STEREOPSIS_RESTRICT bytes) {
+  constexpr double whole = 4503599627370496.0;  // 2^52: from there on, doubles have no fractions
+  for (size_t k = 0; k < count; ++k) {
+    const double value = (row[k] - low) * factor, positive = value > 0 ? value : 0, within = positive < 255 ? positive : 255;
+    bytes[k] = static_cast<uint8_t>(static_cast<int32_t>((within + whole) - whole));
+  }
+}
+
 template <int C, class T>
 static STEREOPSIS_INLINE void between_rows(const T* const* rows, double start, double slope, int begin, int end, T lowest,
                                            float range, T* STEREOPSIS_RESTRICT out) {
@@ -88,34 +97,38 @@ static void between(const T* const* rows, double start, double slope, int begin,
 // ---- what the windows of an image hold of texture -------------------------------------------------------------------------
 
 // The absolute difference of a pixel's neighbours in the row.
-static STEREOPSIS_INLINE uint8_t gradient(uint8_t before, uint8_t after) {
-  const uint8_t less = before < after ? before : after, more = before < after ? after : before;
-  return static_cast<uint8_t>(more - less);
+template <class T>
+static STEREOPSIS_INLINE T gradient(T before, T after) {
+  const T less = before < after ? before : after, more = before < after ? after : before;
+  return static_cast<T>(more - less);
 }
 
-static void change_gradients(const uint8_t* STEREOPSIS_RESTRICT added, const uint8_t* STEREOPSIS_RESTRICT removed, int width,
-                             uint16_t* STEREOPSIS_RESTRICT columns) {
+template <class T, class Sum>
+static void change_gradients(const T* STEREOPSIS_RESTRICT added, const T* STEREOPSIS_RESTRICT removed, int width,
+                             Sum* STEREOPSIS_RESTRICT columns) {
   if (width == 1) return;
   // Edge pixels are repeated.
-  columns[0] = static_cast<uint16_t>(columns[0] + gradient(added[0], added[1]) - gradient(removed[0], removed[1]));
+  columns[0] = static_cast<Sum>(columns[0] + gradient(added[0], added[1]) - gradient(removed[0], removed[1]));
   for (int x = 1; x < width - 1; ++x) {
-    const uint16_t more = gradient(added[x - 1], added[x + 1]), less = gradient(removed[x - 1], removed[x + 1]);
-    columns[x] = static_cast<uint16_t>(columns[x] + more - less);
+    const Sum more = gradient(added[x - 1], added[x + 1]), less = gradient(removed[x - 1], removed[x + 1]);
+    columns[x] = static_cast<Sum>(columns[x] + more - less);
   }
   const int last = width - 1;
-  columns[last] = static_cast<uint16_t>(columns[last] + gradient(added[last - 1], added[last]) - gradient(removed[last - 1], removed[last]));
+  columns[last] = static_cast<Sum>(columns[last] + gradient(added[last - 1], added[last]) - gradient(removed[last - 1], removed[last]));
 }
 
-static void sum_columns(const uint16_t* STEREOPSIS_RESTRICT columns, int width, int size, uint16_t* STEREOPSIS_RESTRICT sums) {
+template <class Sum>
+static void sum_columns(const Sum* STEREOPSIS_RESTRICT columns, int width, int size, Sum* STEREOPSIS_RESTRICT sums) {
   for (int x = 0; x < width; x += kRowRoom) {
-    uint16_t sum[kRowRoom] = {};
+    Sum sum[kRowRoom] = {};
     for (int k = 0; k < size; ++k)
-      for (int u = 0; u < kRowRoom; ++u) sum[u] = static_cast<uint16_t>(sum[u] + columns[x + k + u]);
+      for (int u = 0; u < kRowRoom; ++u) sum[u] = static_cast<Sum>(sum[u] + columns[x + k + u]);
     std::memcpy(sums + x, sum, sizeof(sum));
   }
 }
 
-static void refuse_low(const uint16_t* STEREOPSIS_RESTRICT sums, uint16_t most, int width, const RowRefusal& refused) {
+template <class Sum>
+static void refuse_low(const Sum* STEREOPSIS_RESTRICT sums, Sum most, int width, const RowRefusal& refused) {
   float *STEREOPSIS_RESTRICT disparity = refused.disparity, *STEREOPSIS_RESTRICT confidence = refused.confidence;
   uint8_t* STEREOPSIS_RESTRICT flags = refused.flags;
   const uint8_t bit = refused.bit;
@@ -494,11 +507,11 @@ extern const RowKernels rows;
 const RowKernels rows = {grey<int32_t, uint8_t>,
                          grey<int64_t, int32_t>,
                          halve,
+                         stretch,
                          between<uint8_t>,
                          between<int32_t>,
-                         change_gradients,
-                         sum_columns,
-                         refuse_low,
+                         {change_gradients, sum_columns, refuse_low},
+                         {change_gradients, sum_columns, refuse_low},
                          go_on,
                          have_values,
                          meet,

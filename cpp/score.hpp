@@ -162,9 +162,18 @@ struct WindowStatistics {
     const int64_t q = floor_mean(m.sum, n), rest = m.sum - n * q;
     const int64_t about = m.square - q * (m.sum + rest);
     const double r = static_cast<double>(rest);
-    return {m.sum, m.square, q, rest, static_cast<double>(about) - r * r / static_cast<double>(n)};
+    return {m.sum, m.square, q, rest, static_cast<double>(about) - r * r * (1.0 / static_cast<double>(n))};
   }
 };
+
+// A correlation is rounded to a multiple of 2^-20, as it is where this is added: several times what the operations before err
+// by, so that all perfect matches cost the same.
+constexpr float kWideBase = 12.0f;
+
+inline float inverse_norm(double squares) {
+  const float v = static_cast<float>(squares);
+  return v > 0 ? 1.0f / std::sqrt(v) : 0.0f;
+}
 
 // One over the norm of a window of `channels` whose statistics lie `stride` apart; 0 where the norm is.
 template <CostKind Kind>
@@ -175,6 +184,7 @@ inline double wide_scale(const WindowStatistics* window, int64_t stride, int cha
     const WindowStatistics& w = window[c * stride];
     norm += Kind == CostKind::ncc ? static_cast<double>(w.square) : w.deviation;
   }
+  if (Kind == CostKind::zncc) return inverse_norm(norm);
   return norm > 0 ? 1.0 / std::sqrt(norm) : 0.0;
 }
 
@@ -192,13 +202,16 @@ struct WideCost {
     } else if constexpr (Kind == CostKind::ncc) {
       return static_cast<Scalar>(-(static_cast<double>(sum) * (left_scale * right_scale)));
     } else if constexpr (Kind == CostKind::zncc) {
-      double rests = 0;
+      // Minus the sum of products about whole means: exact, and the same for pixels counted from anywhere.
+      int64_t about = -sum;
+      for (int c = 0; c < channels; ++c)
+        about += left[c * stride].sum * right[c * stride].mean + left[c * stride].mean * right[c * stride].rest;
+      float covariance = static_cast<float>(about);
       for (int c = 0; c < channels; ++c) {
-        sum -= left[c * stride].mean * right[c * stride].sum;
-        rests += static_cast<double>(left[c * stride].rest) * static_cast<double>(right[c * stride].sum);
+        const float rest = static_cast<float>(left[c * stride].rest) * (1.0f / static_cast<float>(n));
+        covariance = fused(rest, static_cast<float>(right[c * stride].rest), covariance);
       }
-      const double covariance = static_cast<double>(sum) - rests / static_cast<double>(n);
-      return static_cast<Scalar>(-(covariance * (left_scale * right_scale)));
+      return fused(covariance * static_cast<float>(left_scale), static_cast<float>(right_scale), kWideBase) - kWideBase;
     } else {
       int64_t squares = -2 * sum;
       double rests = 0;

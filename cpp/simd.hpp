@@ -161,6 +161,12 @@ struct Simd {
   static STEREOPSIS_INLINE D lower(I v) { return _mm512_cvtepi32_pd(_mm512_castsi512_si256(v)); }
   static STEREOPSIS_INLINE D upper(I v) { return _mm512_cvtepi32_pd(_mm512_extracti64x4_epi64(v, 1)); }
   static STEREOPSIS_INLINE void store(float* p, D v) { _mm256_storeu_ps(p, _mm512_cvtpd_ps(v)); }
+  static STEREOPSIS_INLINE F to_float(D lower, D upper) {
+    return _mm512_insertf32x8(_mm512_castps256_ps512(_mm512_cvtpd_ps(lower)), _mm512_cvtpd_ps(upper), 1);
+  }
+  // sum + a b where both the product and the result are exact
+  static STEREOPSIS_INLINE D add_product(D sum, D a, D b) { return _mm512_fmadd_pd(a, b, sum); }
+  static STEREOPSIS_INLINE I times_256(I a) { return _mm512_slli_epi32(a, 8); }
   // On pairs of int16, products and differences that fit them.
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm512_mullo_epi16(a, b); }
   static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm512_abs_epi16(_mm512_sub_epi16(a, b)); }
@@ -274,6 +280,9 @@ struct Simd {
   static STEREOPSIS_INLINE D lower(I v) { return _mm256_cvtepi32_pd(_mm256_castsi256_si128(v)); }
   static STEREOPSIS_INLINE D upper(I v) { return _mm256_cvtepi32_pd(_mm256_extracti128_si256(v, 1)); }
   static STEREOPSIS_INLINE void store(float* p, D v) { _mm_storeu_ps(p, _mm256_cvtpd_ps(v)); }
+  static STEREOPSIS_INLINE F to_float(D lower, D upper) { return _mm256_set_m128(_mm256_cvtpd_ps(upper), _mm256_cvtpd_ps(lower)); }
+  static STEREOPSIS_INLINE D add_product(D sum, D a, D b) { return _mm256_fmadd_pd(a, b, sum); }
+  static STEREOPSIS_INLINE I times_256(I a) { return _mm256_slli_epi32(a, 8); }
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm256_mullo_epi16(a, b); }
   static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm256_abs_epi16(_mm256_sub_epi16(a, b)); }
   static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
@@ -415,6 +424,13 @@ struct Simd {
   static STEREOPSIS_INLINE void store(float* p, const D& v) {
     for (int i = 0; i < lanes / 2; ++i) p[i] = static_cast<float>(v.v[i]);
   }
+  static STEREOPSIS_INLINE F to_float(const D& lower, const D& upper) {
+    F r;
+    for (int i = 0; i < lanes; ++i) r.v[i] = static_cast<float>(i < lanes / 2 ? lower.v[i] : upper.v[i - lanes / 2]);
+    return r;
+  }
+  static STEREOPSIS_INLINE D add_product(const D& sum, const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(sum.v[i] + a.v[i] * b.v[i]); }
+  static STEREOPSIS_INLINE I times_256(const I& a) { STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a.v[i]) << 8)); }
 #undef STEREOPSIS_EACH_DOUBLE
   static STEREOPSIS_INLINE int32_t both16(int32_t lower, int32_t upper) {
     return static_cast<int32_t>((static_cast<uint32_t>(lower) & 0xFFFF) | static_cast<uint32_t>(upper) << 16);

@@ -127,6 +127,8 @@ void select_right(const T* volume, int height, const Lattice& lattice, int count
                   const Workers& workers);
 
 // ---- the same three stages at once, streaming ------------------------------------------------------------------------
+// Of a pair of int32 images.
+Range range_of(const Pair& pair);
 void match(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedKernel& kernel, const FusedOutput& out,
            const Workers& workers);
 
@@ -184,6 +186,9 @@ void merge_window(const Hypothesis& other, CostKind kind, int height, int width,
 // ---- rectify: what the right image lies too low or too high ----------------------------------------------------------
 // The rounded means of 2 x 2 pixels each; an odd last row or column is left out.
 void halve(const uint8_t* image, int height, int width, uint8_t* means, const RowKernels& kernels, const Workers& workers);
+// (pixel - low) times the factor, rounded to even, within 0 and 255.
+void stretch(const int32_t* image, int height, int width, double low, double factor, uint8_t* bytes, const RowKernels& kernels,
+             const Workers& workers);
 // In each whole tile the column and row, every `stride` pixels, whose window has the largest smaller eigenvalue of its
 // summed products of gradients; of equal ones the first. -1, -1 where none exceeds `least`. `found` is (rows, columns, 2).
 // Windows have kTrackedColumns columns here, and 2 `reach` + 1 rows.

@@ -75,20 +75,21 @@ RowRefusal row_of(const Refusal& refused, int y, int width) {
   return {refused.disparity + at, refused.confidence + at, refused.flags + at, refused.bit};
 }
 
-// Windows of bytes whose sums fit 16 bits.
-void refuse_dull_bytes(const uint8_t* image, int height, int width, const Window& window, uint16_t most, const Refusal& refused,
-                       const RowKernels& kernels, const Workers& workers) {
+// Windows of one channel whose sums fit a `Sum`: where they are at most that.
+template <class T, class Sum>
+void refuse_low(const T* image, int height, int width, const Window& window, Sum most, const Refusal& refused,
+                const GradientKernels<T, Sum>& kernels, const Workers& workers) {
   const int64_t pixels = static_cast<int64_t>(height) * width;
   quick_rows(height, pixels, 1 << 17, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     // Columns from `left` before the first on, edge columns repeated.
     const int left = window.left();
-    std::vector<uint16_t> columns(static_cast<size_t>(width) + window.width + kRowRoom), sums(static_cast<size_t>(width) + kRowRoom);
-    const std::vector<uint8_t> none(sums.size());
+    std::vector<Sum> columns(static_cast<size_t>(width) + window.width + kRowRoom), sums(static_cast<size_t>(width) + kRowRoom);
+    const std::vector<T> none(sums.size());
     const auto row = [&](int y) { return image + static_cast<size_t>(clamp(y, height - 1)) * width; };
     for (int y = begin - window.above() - 1; y < begin + window.below(); ++y)
-      kernels.change_gradients(row(y), none.data(), width, columns.data() + left);
+      kernels.change(row(y), none.data(), width, columns.data() + left);
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
-      kernels.change_gradients(row(y + window.below()), row(y - window.above() - 1), width, columns.data() + left);
+      kernels.change(row(y + window.below()), row(y - window.above() - 1), width, columns.data() + left);
       std::fill_n(columns.begin(), left, columns[left]);
       std::fill_n(columns.begin() + left + width, window.right(), columns[left + width - 1]);
       kernels.sum_columns(columns.data(), width, window.width, sums.data());
@@ -115,17 +116,31 @@ void refuse_dull(const T* image, int height, int width, int channels, const Wind
                  const RowKernels& kernels, const Workers& workers) {
   const double divisor = texture_divisor(window, channels);
   const auto dull = [&](double sum) { return static_cast<float>(sum / divisor) < least; };
-  if constexpr (sizeof(T) == 1)
-    if (const int64_t most = 255 * window.area(); channels == 1 && most <= std::numeric_limits<uint16_t>::max()) {
-      // The first sum that is not dull, by halving.
-      int low = 0, high = static_cast<int>(most) + 1;
-      while (low < high) {
-        const int middle = (low + high) / 2;
-        dull(middle) ? low = middle + 1 : high = middle;
-      }
-      if (low > 0) refuse_dull_bytes(image, height, width, window, static_cast<uint16_t>(low - 1), refused, kernels, workers);
-      return;
+  const auto small = [&](int64_t largest, const auto& gradients, auto sum) {
+    using Sum = decltype(sum);
+    const int64_t most = largest * window.area();
+    if (most > std::numeric_limits<Sum>::max()) return false;
+    // The first sum that is not dull, by halving.
+    int64_t low = 0, high = most + 1;
+    while (low < high) {
+      const int64_t middle = (low + high) / 2;
+      dull(static_cast<double>(middle)) ? low = middle + 1 : high = middle;
     }
+    if (low > 0) refuse_low(image, height, width, window, static_cast<Sum>(low - 1), refused, gradients, workers);
+    return true;
+  };
+  if (channels == 1) {
+    if constexpr (sizeof(T) == 1) {
+      if (small(255, kernels.gradients_of_bytes, uint16_t{})) return;
+    } else {
+      T least = image[0], most = image[0];
+      for (size_t k = 0; k < static_cast<size_t>(height) * width; ++k) {
+        least = std::min(least, image[k]);
+        most = std::max(most, image[k]);
+      }
+      if (small(static_cast<int64_t>(most) - least, kernels.gradients_of_words, uint32_t{})) return;
+    }
+  }
   sum_gradients(image, height, width, channels, window, workers, [&](int y, const double* sums) {
     const RowRefusal row = row_of(refused, y, width);
     for (int x = 0; x < width; ++x)

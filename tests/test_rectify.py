@@ -10,7 +10,7 @@ from hypothesis import strategies as some
 
 import stereopsis as st
 from reference import rectify as reference
-from stereopsis import Settings, _core, datasets, rectify
+from stereopsis import Settings, _core, _instructions, datasets, rectify
 from stereopsis.rectify import Sights
 from stereopsis.types import Vertical
 
@@ -351,6 +351,21 @@ def test_levels_and_halves():
     words = np.arange(3000, dtype=np.int32).reshape(30, 100) + 70000
     stretched = rectify.eight_bit(words)
     assert (stretched.min(), stretched.max()) == (0, 255)
+
+
+@pytest.mark.parametrize("instructions", _core.instruction_sets())
+def test_stretching_to_bytes(monkeypatch, instructions):
+    monkeypatch.setenv(_instructions.ENVIRONMENT, instructions)
+    by_hand = np.array([[-9, 0, 1, 2, 3, 5, 509, 511, 2000]], np.int32)  # halves go to the even one
+    np.testing.assert_array_equal(rectify.eight_bit(by_hand, (0, 510)), [[0, 0, 0, 1, 2, 2, 254, 255, 255]])
+    rng = np.random.default_rng(4)
+    for columns in (1, 7, 64, 131):
+        words = rng.integers(-(2**21), 2**21, (3, columns)).astype(np.int32)[:, ::-1]
+        for low, high in ((-(2.0**21), 2.0**21), (-1000.25, 7000.5), (5.0, 5.0)):
+            scaled = (words.astype(np.float64) - low) * (255 / max(high - low, 1.0))
+            np.testing.assert_array_equal(
+                rectify.eight_bit(words, (low, high)), np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+            )
 
 
 @pytest.mark.skipif(not (DATA / "kitti2015").is_dir(), reason="the data are not here")

@@ -81,7 +81,7 @@ struct Problem {
   }
 };
 
-enum class Pixels { few, bytes, extreme, white, black_white, words, fixed };
+enum class Pixels { few, bytes, extreme, white, black_white, camera, words, fixed };
 
 Problem problem(Random& random, Pixels pixels, int height, int width, int channels, int first, int count, Window window) {
   Problem p{height, width, channels, first, count, window, {}, {}, {}, {}};
@@ -98,6 +98,8 @@ Problem problem(Random& random, Pixels pixels, int height, int width, int channe
         return 255 - (random.below(10) == 0);
       case Pixels::black_white:
         return right ? 255 : 0;
+      case Pixels::camera:
+        return random.below(4) ? random.below(4096) : random.below(2) * 4095;
       case Pixels::words:
         return random.below(4) ? random.below(65536) : random.below(2) * 65535;
       case Pixels::fixed:
@@ -116,7 +118,7 @@ Problem problem(Random& random, Pixels pixels, int height, int width, int channe
       for (int x = 0; x + shift < width; ++x)
         for (int c = 0; c < channels; ++c)
           p.right[(static_cast<size_t>(y) * width + x) * channels + c] = p.at(p.left, y, x + shift, c);
-  if (pixels != Pixels::words && pixels != Pixels::fixed) {
+  if (pixels != Pixels::camera && pixels != Pixels::words && pixels != Pixels::fixed) {
     p.left8.assign(p.left.begin(), p.left.end());
     p.right8.assign(p.right.begin(), p.right.end());
   }
@@ -357,7 +359,8 @@ void compare_paths(Random& random, const Problem& p, CostKind kind, bool narrow,
   const std::vector<T> volume = composed_volume<T>(p, kind, narrow);
   if (formula) compare_volume(p, kind, narrow, volume);
   for (int round = 0; round < 2; ++round) {
-    const FusedSettings s = settings(random, kind, p.window);
+    FusedSettings s = settings(random, kind, p.window);
+    if (round > 0 && !narrow) s.range = range_of(p.wide());
     const Answer definition = naive_answer(p, volume, s);
     for (const FusedKernel* kernel : available_kernels()) {
       const Answer answer = stream(*kernel, p, s, narrow, 1 + round * random.below(p.height + 1));
@@ -382,14 +385,14 @@ void compare(Random& random, const Problem& p, CostKind kind, bool formula = tru
 
 void test_small_problems() {
   Random random{1};
-  const Pixels kinds[] = {Pixels::few, Pixels::bytes, Pixels::extreme, Pixels::white, Pixels::words, Pixels::fixed};
+  const Pixels kinds[] = {Pixels::few, Pixels::bytes, Pixels::extreme, Pixels::white, Pixels::camera, Pixels::words, Pixels::fixed};
   for (int round = 0; round < 60; ++round)
     for (const CostKind cost : kCosts) {
       const int width = random.between(1, 40), first = random.between(-width - 2, width + 2);
       // Only candidates that some pixel can see are asked for.
       const int low = std::max(first, 1 - width), high = std::min(first + random.between(1, 2 * width), width);
       if (low >= high) continue;
-      compare(random, problem(random, kinds[random.below(6)], random.between(1, 7), width, random.below(2) ? 1 : 3, low,
+      compare(random, problem(random, kinds[random.below(7)], random.between(1, 7), width, random.below(2) ? 1 : 3, low,
                               high - low, {random.between(1, 9), random.between(1, 9)}),
               cost);
     }
@@ -426,6 +429,10 @@ void test_bounds_of_sums() {
   for (const Pixels pixels : {Pixels::extreme, Pixels::words, Pixels::fixed})
     for (const CostKind cost : kCosts)
       compare(random, problem(random, pixels, 1, 3, 3, -1, 2, {255, 255}), cost, pixels != Pixels::extreme);
+  // 12 bits fit 32 up to 511 pixels, 21 and a sign a double's 53 up to 511 as well.
+  for (const Window window : {Window{73, 7}, {7, 73}, {64, 8}, {8, 64}})
+    for (const Pixels pixels : {Pixels::camera, Pixels::fixed})
+      compare(random, problem(random, pixels, 3, 20, 1, -4, 20, window), CostKind::zncc);
   for (const Window window : {Window{255, 1}, {1, 255}, {255, 2}, {2, 255}})
     for (const CostKind cost : kCosts) compare(random, problem(random, Pixels::extreme, 3, 20, 1, -4, 12, window), cost);
 }
@@ -491,6 +498,22 @@ void test_halving() {
         const uint8_t* const at = &image[2 * y * W + 2 * x];
         right = right && means[y * (W / 2) + x] == (at[0] + at[1] + at[W] + at[W + 1] + 2) / 4;
       }
+    CHECK(right, text(H) + "x" + text(W));
+  }
+}
+
+void test_stretching() {
+  Random random{7};
+  for (int round = 0; round < 40; ++round) {
+    const int H = random.between(1, 5), W = random.between(1, 100);
+    const double low = random.between(-500, 500) + 0.25 * random.below(4), factor = 1.0 / (1 << random.below(5));
+    std::vector<int32_t> image(static_cast<size_t>(H) * W);
+    std::vector<uint8_t> bytes(image.size());
+    for (int32_t& value : image) value = random.between(-1000, 5000);
+    stretch(image.data(), H, W, low, factor, bytes.data(), any_rows(random), kAlone);
+    bool right = true;
+    for (size_t k = 0; k < image.size(); ++k)
+      right = right && bytes[k] == std::nearbyint(std::min(std::max((image[k] - low) * factor, 0.0), 255.0));
     CHECK(right, text(H) + "x" + text(W));
   }
 }
@@ -2043,6 +2066,7 @@ int main() {
   timed("a crew is interrupted", test_a_crew_is_interrupted);
   timed("grey", test_grey);
   timed("halving", test_halving);
+  timed("stretching", test_stretching);
   timed("terms and box", test_terms_and_box);
   timed("supports", test_supports);
   timed("census, bytes", test_census<uint8_t>);

@@ -90,11 +90,13 @@ def _integers(left: Image, right: Image, largest: float | None) -> Pixels:
     if largest is None:
         largest = max(float(np.abs(left).max()), float(np.abs(right).max()))
     exponent = FLOAT_BITS - int(np.frexp(largest)[1]) if largest > 0 else 0
+    # Exact in single precision, apart from what then rounds to 0; but such a power may lie beyond it.
+    power = np.ldexp(np.float32(1) if abs(exponent) < 127 else np.float64(1), exponent)
 
     def fixed(image: Image) -> npt.NDArray[np.int32]:
-        scaled = np.ldexp(image.astype(np.float64), exponent)
+        scaled = image * power
         # The largest value may round up to the next power of two, which the sums' bounds allow for.
-        return _channels(np.rint(scaled), np.int32)
+        return _channels(np.rint(scaled, out=scaled), np.int32)
 
     return Pixels(fixed(left), fixed(right), float(np.ldexp(1.0, -exponent)))
 

@@ -83,14 +83,16 @@ def eight_bit(image: npt.NDArray[Any], ends: tuple[float, float] | None = None) 
     if image.dtype == np.uint8:
         return np.ascontiguousarray(image)
     low, high = ends_of(image[::3, ::3]) if ends is None else ends
-    scaled = (image.astype(np.float64) - low) * (255 / max(high - low, 1.0))
-    stretched: Bytes = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    stretched = np.empty(image.shape, np.uint8)
+    factor = 255 / max(high - low, 1.0)
+    _core.stretch(np.ascontiguousarray(image), low, factor, stretched, _instructions.forced())
     return stretched
 
 
 def ends_of(sample: npt.NDArray[Any]) -> tuple[float, float]:
     """The 0.5 and the 99.5 % quantile."""
-    low, high = np.quantile(sample, (0.005, 0.995))
+    # Ordered before: whole numbers are put in order several times as fast as they are parted.
+    low, high = np.quantile(np.sort(sample, axis=None), (0.005, 0.995))
     return float(low), float(high)
 
 

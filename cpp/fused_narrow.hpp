@@ -310,8 +310,8 @@ class Narrow {
     right_best_ = arena_.template take<Scalar>(stats_ + 2 * kChunk);
     right_index_ = arena_.template take<int32_t>(stats_ + 2 * kChunk);
     claims_ = arena_.template take<int32_t>(2 * p_.width + 1);
-    winner_ = arena_.template take<int32_t>(p_.width);
-    cost_ = arena_.template take<Scalar>(p_.width);
+    winner_ = arena_.template take<int32_t>(p_.width + kChunk);  // these two chunk by chunk, beyond the width
+    cost_ = arena_.template take<Scalar>(p_.width + kChunk);
     before_ = arena_.template take<Scalar>(p_.width);
     after_ = arena_.template take<Scalar>(p_.width);
     second_ = arena_.template take<Scalar>(p_.width);
@@ -712,7 +712,7 @@ class Narrow {
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
     Column col = column(begin + s_.window.width - 1, at);
     Views views = views_at(begin, slot, at);
-    Scalar* best = best_ + static_cast<size_t>(slot) * padded + (T::keyed ? at : 0);
+    Scalar* best = best_of(at) + slot * kLanes;
     int32_t* best_index = best_index_ + slot * kLanes;
     for (int x = begin; x < end; ++x) {
       col.load();
@@ -761,20 +761,23 @@ class Narrow {
       if (!T::keyed) Simd::store(best_index, bi);
       col.step();
       views.step(padded, pitch);
-      best += padded;
+      best += kLanes;
       best_index += kLanes;
     }
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
   }
 
   void take_winners(int begin, int end) {
-    if constexpr (T::keyed)
-      take_keyed_winners(begin, end);
-    else
-      for (int x = begin; x < end; ++x) winner_[x] = indexed_winner(x - begin);
+    if constexpr (T::keyed) {
+      take_keyed_winners(winner_ + begin, cost_ + begin);
+    } else {
+      for (int x = begin; x < end; ++x) {
+        winner_[x] = indexed_winner(x - begin);
+        cost_[x] = costs_of(x - begin)[winner_[x]];
+      }
+    }
     for (int x = begin; x < end; ++x) {
       const Scalar* costs = costs_of(x - begin) + winner_[x];
-      cost_[x] = costs[0];
       before_[x] = costs[-1];
       after_[x] = costs[1];
     }
@@ -790,27 +793,33 @@ class Narrow {
 
   Scalar* costs_of(int slot) const { return costs_ + slot * stride() + kChunk; }
 
+  // The least costs of a chunk's pixels so far, lane by lane; of each block by itself where they are keyed.
+  Scalar* best_of(int at) const { return best_ + (T::keyed ? static_cast<size_t>(at) * kChunk : 0); }
+
   template <class Unused = void>
   int indexed_winner(int slot) const {
-    const Vector b = Simd::load(best_ + static_cast<size_t>(slot) * padded_);
+    const Vector b = Simd::load(best_ + slot * kLanes);
     const I bi = Simd::load(best_index_ + slot * kLanes);
     const I at_least = Simd::select(Simd::equal(b, splat(Simd::reduce_min(b))), bi, Simd::set(INT32_MAX));
     return Simd::reduce_min(at_least);
   }
 
-  template <class Unused = void>
-  void take_keyed_winners(int begin, int end) {
-    Scalar least[kChunk];
+  // Of a whole chunk, whatever its end: loops of known length.
+  STEREOPSIS_NOINLINE void take_keyed_winners(int32_t* STEREOPSIS_RESTRICT winner, Scalar* STEREOPSIS_RESTRICT least) {
     for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
+      const Scalar* best = best_of(v * kLanes);
       Scalar keys[kChunk];
-      Simd::row_minima(best_ + v * kLanes, padded_, keys);
-      for (int slot = 0; slot < end - begin; ++slot) {
-        if (v > 0 && !(coarse(keys[slot]) < coarse(least[slot]))) continue;
+      int32_t found[kChunk];
+      Simd::row_minima(best, kLanes, keys);
+      for (int slot = 0; slot < kChunk; ++slot)
+        found[slot] = Simd::first_equal(Simd::load(best + slot * kLanes), keys[slot]);
+      for (int slot = 0; slot < kChunk; ++slot) {
         uint32_t bits;
         std::memcpy(&bits, keys + slot, sizeof bits);
-        least[slot] = keys[slot];
-        winner_[begin + slot] = (v + static_cast<int>(bits & kSpareBits)) * kLanes +
-                                Simd::first_equal(Simd::load(best_ + slot * padded_ + v * kLanes), keys[slot]);
+        found[slot] += (v + static_cast<int>(bits & kSpareBits)) * kLanes;
+        const bool better = v == 0 || coarse(keys[slot]) < coarse(least[slot]);
+        winner[slot] = better ? found[slot] : winner[slot];
+        least[slot] = better ? keys[slot] : least[slot];
       }
     }
   }
@@ -831,38 +840,44 @@ class Narrow {
   template <int N>
   STEREOPSIS_INLINE void take_right_block(const int begin, const int end, const int i) {
     const size_t step = stride() + 1;
-    const I cut = Simd::set(~static_cast<int32_t>(kSpareBits)), one = Simd::set(1);
     const Scalar* STEREOPSIS_RESTRICT costs = costs_of(0) + i;
+    Scalar* STEREOPSIS_RESTRICT best = right_best_ + kChunk + (p_.width - 1 - begin) + i;
+    int32_t* STEREOPSIS_RESTRICT index = right_index_ + kChunk + (p_.width - 1 - begin) + i;
     Vector b[N];
-    I column[N], slot = Simd::set(T::keyed ? 0 : begin);
-    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-      b[v] = splat(T::worst);
-      column[v] = Simd::set(begin);
-    });
-    for (int x = begin; x < end; ++x) {
-      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-        const Vector value = Simd::load(costs + v.value * kLanes);
-        if constexpr (T::keyed) {
-          b[v] = Simd::min(Simd::mark(value, cut, slot), b[v]);
-        } else {
-          column[v] = Simd::select(Simd::less(value, b[v]), slot, column[v]);
-          b[v] = Simd::min(value, b[v]);
-        }
-      });
-      slot = Simd::add(slot, one);
-      costs += step;
-    }
-    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-      const int j = kChunk + (p_.width - 1 - begin) + i + v.value * kLanes;
-      if constexpr (T::keyed) {
-        column[v] = Simd::add(column[v], Simd::mask(Simd::bits(b[v]), static_cast<int32_t>(kSpareBits)));
-        b[v] = Simd::mask(b[v], cut);
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { b[v] = splat(T::worst); });
+    if constexpr (T::keyed) {
+      const I cut = Simd::set(~static_cast<int32_t>(kSpareBits)), one = Simd::set(1);
+      I slot = Simd::set(0);
+      for (int x = begin; x < end; ++x, costs += step) {
+        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+          b[v] = Simd::min(Simd::mark(Simd::load(costs + v.value * kLanes), cut, slot), b[v]);
+        });
+        slot = Simd::add(slot, one);
       }
-      const Vector before = Simd::load(right_best_ + j);
-      const M better = Simd::less(b[v], before);
-      Simd::store(right_best_ + j, Simd::select(better, b[v], before));
-      Simd::store(right_index_ + j, Simd::select(better, column[v], Simd::load(right_index_ + j)));
-    });
+      // A chunk begins at a multiple of its length: its column and the slot share no bits.
+      const I spare = Simd::set(static_cast<int32_t>(kSpareBits)), column = Simd::set(begin);
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+        const M better = Simd::less(b[v], Simd::load(best + v * kLanes));
+        Simd::store(best + v * kLanes, better, Simd::mask(b[v], cut));
+        Simd::store(index + v * kLanes, better, Simd::bits(Simd::mark(b[v], spare, column)));
+      });
+    } else {
+      I column[N];
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { column[v] = Simd::set(begin); });
+      for (int x = begin; x < end; ++x, costs += step) {
+        const I here = Simd::set(x);
+        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+          const Vector value = Simd::load(costs + v.value * kLanes);
+          column[v] = Simd::select(Simd::less(value, b[v]), here, column[v]);
+          b[v] = Simd::min(value, b[v]);
+        });
+      }
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+        const M better = Simd::less(b[v], Simd::load(best + v * kLanes));
+        Simd::store(best + v * kLanes, better, b[v]);
+        Simd::store(index + v * kLanes, better, column[v]);
+      });
+    }
   }
 
   // The least cost of the candidates that are not next to the winner. Strikes out the stored costs of those that are.
@@ -881,14 +896,14 @@ class Narrow {
       unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA { m[k] = splat(T::worst); });
       for (int i = 0; i < count; i += kLanes)
         unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
-          m[k] = Simd::min(Simd::load(costs + k.value * pitch + i), m[k]);
+          m[k] = Simd::min(m[k], Simd::load(costs + k.value * pitch + i));
         });
       unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
-        Simd::store(best_ + static_cast<size_t>(slot + k.value) * padded_, m[k]);
+        Simd::store(best_ + (slot + k.value) * kLanes, m[k]);
       });
     }
     Scalar least[kChunk];
-    Simd::row_minima(best_, padded_, least);
+    Simd::row_minima(best_, kLanes, least);
     for (int x = begin; x < end; ++x) second_[x] = least[x - begin];
   }
 

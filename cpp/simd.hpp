@@ -121,13 +121,18 @@ struct Simd {
   // The minima of 16 vectors that lie `pitch` apart: pairs are folded into one vector, halving what is left each time.
   static STEREOPSIS_INLINE void row_minima(const float* rows, size_t pitch, float* minima) {
     F a[16];
-    for (int r = 0; r < 16; ++r) a[r] = load(rows + r * pitch);
-    for (int r = 0; r < 8; ++r) a[r] = min(_mm512_unpacklo_ps(a[r], a[r + 8]), _mm512_unpackhi_ps(a[r], a[r + 8]));
-    for (int r = 0; r < 4; ++r) a[r] = min(_mm512_unpacklo_ps(a[r], a[r + 4]), _mm512_unpackhi_ps(a[r], a[r + 4]));
+    const auto fold = [&](auto r, auto apart) STEREOPSIS_INLINE_LAMBDA {
+      a[r] = min(_mm512_unpacklo_ps(a[r], a[r + apart]), _mm512_unpackhi_ps(a[r], a[r + apart]));
+    };
+    const auto join = [&](auto r, auto apart) STEREOPSIS_INLINE_LAMBDA {
+      a[r] = min(_mm512_shuffle_f32x4(a[r], a[r + apart], 0x88), _mm512_shuffle_f32x4(a[r], a[r + apart], 0xDD));
+    };
+    unrolled<16>([&](auto r) STEREOPSIS_INLINE_LAMBDA { a[r] = load(rows + r * pitch); });
+    unrolled<8>([&](auto r) STEREOPSIS_INLINE_LAMBDA { fold(r, Constant<8>{}); });
+    unrolled<4>([&](auto r) STEREOPSIS_INLINE_LAMBDA { fold(r, Constant<4>{}); });
     // Each 128-bit part now holds four rows: r, r + 8, r + 4, r + 12 are lanes 0, 2, 1, 3 of it.
-    for (int r = 0; r < 2; ++r)
-      a[r] = min(_mm512_shuffle_f32x4(a[r], a[r + 2], 0x88), _mm512_shuffle_f32x4(a[r], a[r + 2], 0xDD));
-    a[0] = min(_mm512_shuffle_f32x4(a[0], a[1], 0x88), _mm512_shuffle_f32x4(a[0], a[1], 0xDD));
+    unrolled<2>([&](auto r) STEREOPSIS_INLINE_LAMBDA { join(r, Constant<2>{}); });
+    join(Constant<0>{}, Constant<1>{});
     const I order = _mm512_setr_epi32(0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15);
     store(minima, _mm512_permutexvar_ps(order, a[0]));
   }

@@ -29,33 +29,36 @@ inline void check_uniqueness(const Scalar* __restrict costs, const Scalar* __res
   }
 }
 
-// claims[x] becomes the number of columns before x that are the match of some right pixel, by the right view's winners.
-inline void count_claims(const Pair& pair, const int32_t* __restrict right_index, int32_t* __restrict claims) {
-  const int W = pair.width;
-  for (int x = 0; x <= W; ++x) claims[x] = 0;
+// Whether column x, or one within `tolerance` of it, is the match of some right pixel by the right view's winners: in
+// claims[x], 0 or 1.
+inline void find_claims(const Pair& pair, const int32_t* __restrict right_index, int tolerance, uint8_t* __restrict claims) {
+  const int W = pair.width, span = 2 * tolerance + 1;
+  for (int x = 0; x < W + 2 * tolerance; ++x) claims[x] = 0;
   // Right pixel W - 1 - first - j for those j that a candidate can have.
   const int begin = pair.first < 0 ? -pair.first : 0;
   const int end = W - pair.first < W - 1 + pair.count ? W - pair.first : W - 1 + pair.count;
+  uint8_t* matches = claims + tolerance;
   for (int j = begin; j < end; ++j)
-    if (right_index[j] >= 0) claims[W - j + right_index[j]] = 1;
-  int32_t count = 0;
-  for (int x = 1; x <= W; ++x) claims[x] = count += claims[x];
+    if (right_index[j] >= 0) matches[W - 1 - j + right_index[j]] = 1;
+  // Twice as many columns to the right each time; in the end `span` of them.
+  for (int seen = 1; seen < span;) {
+    const int more = 2 * seen < span ? seen : span - seen, to = W + 2 * tolerance - more;
+    for (int x = 0; x < to; ++x) claims[x] = static_cast<uint8_t>(claims[x] | claims[x + more]);
+    seen += more;
+  }
 }
 
 // Whether the right view's winner at the match of a pixel agrees with it within `tolerance` columns; if not, whether
 // another right pixel's winner lies within them: then the match is wrong, else the pixel is hidden in the right view
 // (Hirschmueller 2008, doi:10.1109/TPAMI.2007.1166).
 inline void check_left_right(const int32_t* __restrict winner, const int32_t* __restrict right_index,
-                             const int32_t* __restrict claims, int32_t* __restrict why, int width, int tolerance,
-                             int begin, int end, uint8_t* __restrict flags) {
-  const auto reason = [](int32_t claims_around) { return claims_around > 0 ? kMismatched : kOccluded; };
-  const int left = tolerance < width ? tolerance : width, right = width - 1 - left;
-  for (int x = 0; x < left; ++x) why[x] = reason(claims[x < right ? x + left + 1 : width]);
-  for (int x = left; x < right; ++x) why[x] = reason(claims[x + left + 1] - claims[x - left]);
-  for (int x = right > left ? right : left; x < width; ++x) why[x] = reason(claims[width] - claims[x - left]);
+                             const uint8_t* __restrict claims, int width, int tolerance, int begin, int end,
+                             uint8_t* __restrict flags) {
+  static_assert(kMismatched == kOccluded + 1, "one claim more");
   for (int x = begin; x < end; ++x) {
     const int apart = right_index[width - 1 - x + winner[x]] - winner[x];
-    flags[x] = static_cast<uint8_t>(flags[x] | ((apart < 0 ? -apart : apart) > tolerance ? why[x] : 0));
+    const int why = (apart < 0 ? -apart : apart) > tolerance ? kOccluded + claims[x] : 0;
+    flags[x] = static_cast<uint8_t>(flags[x] | why);
   }
 }
 
@@ -126,8 +129,9 @@ inline void finish(const Pair& pair, const FusedSettings& settings, const RowWin
   if (settings.left_right) {
     // Candidates are whole, so what a tolerance has beyond whole pixels makes no difference.
     const int tolerance = settings.tolerance < W ? static_cast<int>(settings.tolerance) : W;
-    count_claims(pair, row.right_index, row.claims);
-    check_left_right(row.winner, row.right_index, row.claims, row.claims + W + 1, W, tolerance, begin, end, flags);
+    uint8_t* claims = reinterpret_cast<uint8_t*>(row.claims);
+    find_claims(pair, row.right_index, tolerance, claims);
+    check_left_right(row.winner, row.right_index, claims, W, tolerance, begin, end, flags);
   }
   refuse_flagged(flags, out.cost ? kOutOfView : 0xFF, W, disparity, confidence);
 }

@@ -195,6 +195,17 @@ def test_periodic_images_go_to_the_smallest_of_the_equal_disparities(monkeypatch
     np.testing.assert_array_equal(result.disparity[:, 60:-2], period)
 
 
+@every_cost
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16], ids=lambda dtype: dtype.__name__)
+def test_ties_of_many_candidates(monkeypatch, cost, dtype):
+    """Of four grey levels: equal costs in several blocks of candidates, for either view."""
+    left, right = images(23, (9, 330), dtype, shift=130, levels=4)
+    for window, disparities in ((3, (0, 300)), (2, (-20, 200))):
+        on_every_set(
+            monkeypatch, left, right, disparities=disparities, cost=cost(window), left_right=1, uniqueness=5
+        )
+
+
 # ---- the bounds of the 32-bit sums ---------------------------------------------------------------
 
 LARGEST = [(255, 129), (181, 182), (182, 182), (192, 172), (130, 254), (255, 130), (254, 130)]

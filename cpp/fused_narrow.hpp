@@ -456,36 +456,70 @@ class Narrow {
   }
 
   // The part of a column's weights that did not fit `advance`; see `product_weights`.
-  STEREOPSIS_INLINE void advance_extra([[maybe_unused]] const Column& col) {
+  template <int N>
+  static STEREOPSIS_INLINE void advance_extra([[maybe_unused]] I (&h)[N], [[maybe_unused]] const Column& col) {
 #if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
     if (T::squares && col.extra())
-      for (int at = 0; at < padded_; at += kLanes) {
-        I h = Simd::load(slide_ + at);
-        for (int c = 0; c < C; ++c) h = Simd::dot8(h, Simd::load(col.quad[c] + at), col.b[c]);
-        Simd::store(slide_ + at, h);
-      }
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+        unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+          h[v] = Simd::dot8(h[v], Simd::load(col.quad[c] + v * kLanes), col.b[c]);
+        });
+      });
 #endif
   }
 
-  STEREOPSIS_INLINE void advance_slide(Column col) {
-    col.load();
-    advance_extra(col);
-    for (int at = 0; at < padded_; at += kLanes) Simd::store(slide_ + at, advance(Simd::load(slide_ + at), col, at));
+  // Calls visit(a block's length, its first candidate): as many vectors as fit the registers, then fewer.
+  template <class Visit>
+  void each_block(Visit visit) const {
+    for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
+      const int size = block_size(vectors_ - v), at = v * kLanes;
+      if (size == kBlock)
+        visit(Constant<kBlock>{}, at);
+      else if (size == kSmallBlock)
+        visit(Constant<kSmallBlock>{}, at);
+      else
+        visit(Constant<1>{}, at);
+    }
   }
 
+  // The columns before those that the first pixel's window brings in.
   void prime_slide() {
-    std::memset(slide_, 0, padded_ * sizeof(int32_t));
-    for (int k = 0; k < s_.window.width - 1; ++k) advance_slide(column(k));
+    each_block([&](auto size, int at) {
+      I h[size];
+      for (auto& v : h) v = Simd::set(0);
+      slide_on<size>(h, 0, s_.window.width - 1, at, [](auto&) STEREOPSIS_INLINE_LAMBDA {});
+    });
   }
 
+  // Adds a row's change to the sums of all pixels.
   void accumulate() {
     prime_slide();
-    for (int x = 0; x < p_.width; ++x) {
-      advance_slide(column(x + s_.window.width - 1));
-      int32_t* sums = sums_ + static_cast<size_t>(x) * padded_;
-      for (int at = 0; at < padded_; at += kLanes)
-        Simd::store(sums + at, Simd::add(Simd::load(sums + at), Simd::load(slide_ + at)));
+    each_block([&](auto size, int at) {
+      I h[size];
+      unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
+      int32_t* sums = sums_ + at;
+      slide_on<size>(h, s_.window.width - 1, p_.width, at, [&](auto& change) STEREOPSIS_INLINE_LAMBDA {
+        unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+          int32_t* const sum = sums + v.value * kLanes;
+          Simd::store(sum, Simd::add(Simd::load(sum), change[v]));
+        });
+        sums += padded_;
+      });
+    });
+  }
+
+  // Lets `count` columns in, from column k on, and visits what has changed after each.
+  template <int N, class Visit>
+  STEREOPSIS_INLINE void slide_on(I (&h)[N], int k, int count, int at, Visit visit) {
+    Column col = column(k, at);
+    for (int step = 0; step < count; ++step) {
+      col.load();
+      advance_extra(h, col);
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = advance(h[v], col, v.value * kLanes); });
+      visit(h);
+      col.step();
     }
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
   }
 
   // ---- window statistics ------------------------------------------------------------------------------------------
@@ -643,7 +677,6 @@ class Narrow {
   int first_seen(int x) const { return most(0, x - p_.first - (p_.width - 1)); }
   int end_seen(int x) const { return least(p_.count, x - p_.first + 1); }
 
-  // The vectors of candidates are taken in blocks: as many as fit the registers, then fewer.
   static int block_size(int rest) { return rest >= kBlock ? kBlock : rest >= kSmallBlock ? kSmallBlock : 1; }
 
   void match_row() {
@@ -654,15 +687,7 @@ class Narrow {
     prime_slide();
     for (int x = 0; x < p_.width; x += kChunk) {
       const int end = least(x + kChunk, p_.width);
-      for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
-        const int size = block_size(vectors_ - v);
-        if (size == kBlock)
-          match_block<kBlock>(x, end, v);
-        else if (size == kSmallBlock)
-          match_block<kSmallBlock>(x, end, v);
-        else
-          match_block<1>(x, end, v);
-      }
+      each_block([&](auto size, int at) { match_block<size>(x, end, at); });
       if constexpr (T::is_float)
         if (volume_row_) hand_out_costs(x, end);
       take_winners(x, end);
@@ -679,8 +704,8 @@ class Narrow {
   }
 
   template <int N>
-  void match_block(int begin, int end, int first_vector) {
-    const int at = first_vector * kLanes, past = at + N * kLanes;
+  void match_block(int begin, int end, int at) {
+    const int past = at + N * kLanes;
     // Pixels that see all candidates of a block lie side by side: mostly the whole chunk does.
     if (sight(begin, at, past) == Sight::all && sight(end - 1, at, past) == Sight::all)
       return match_run<N, Sight::all>(begin, end, 0, at);
@@ -716,14 +741,7 @@ class Narrow {
     int32_t* best_index = best_index_ + slot * kLanes;
     for (int x = begin; x < end; ++x) {
       col.load();
-#if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
-      if (T::squares && col.extra())
-        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-          unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-            h[v] = Simd::dot8(h[v], Simd::load(col.quad[c] + v * kLanes), col.b[c]);
-          });
-        });
-#endif
+      advance_extra(h, col);
       [[maybe_unused]] const Left left = left_at(x);
       [[maybe_unused]] const int lo = first_seen(x), hi = end_seen(x);
       const bool fresh = T::keyed || at == 0;

@@ -320,7 +320,9 @@ class Narrow {
   size_t bytes() const { return arena_.used; }
 
   void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
-    std::memset(arena_.base, 0, arena_.used);
+    // All but the sums, which the first pass sets.
+    char* const rest = reinterpret_cast<char*>(slide_);
+    std::memset(rest, 0, arena_.used - (rest - arena_.base));
     for (int i = 0; i < padded_; ++i) index_[i] = i;
     for (size_t i = 0; i < kChunk * stride() + kChunk; ++i) costs_[i] = T::worst;
     // The sums of the row before the first one: its window's rows, two a pass.
@@ -328,7 +330,7 @@ class Narrow {
     for (int y = top; y < top + s_.window.height; y += 2) {
       const bool two = y + 1 < top + s_.window.height;
       change_rows({inside(y), 1, inside(two ? y + 1 : y), two ? 1 : 0});
-      accumulate();
+      accumulate(y == top);
       if (cancel.load(std::memory_order_relaxed)) return;
     }
     for (int y = begin; y < end; ++y) {
@@ -491,8 +493,8 @@ class Narrow {
     });
   }
 
-  // Adds a row's change to the sums of all pixels.
-  void accumulate() {
+  // Adds a row's change to the sums of all pixels, which are nothing before the first.
+  void accumulate(bool first) {
     prime_slide();
     each_block([&](auto size, int at) {
       I h[size];
@@ -501,7 +503,7 @@ class Narrow {
       slide_on<size>(h, s_.window.width - 1, p_.width, at, [&](auto& change) STEREOPSIS_INLINE_LAMBDA {
         unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
           int32_t* const sum = sums + v.value * kLanes;
-          Simd::store(sum, Simd::add(Simd::load(sum), change[v]));
+          Simd::store(sum, first ? change[v] : Simd::add(Simd::load(sum), change[v]));
         });
         sums += padded_;
       });

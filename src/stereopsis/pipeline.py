@@ -1146,7 +1146,7 @@ def _settings(given: Settings | None, preset: str | None, changes: dict[str, Any
     elif given is not None:
         start = given
     else:
-        start = Settings() if "cost" in changes else settings.named(settings.DEFAULT_PRESET)
+        start = settings.PLAIN if "cost" in changes else settings.named(settings.DEFAULT_PRESET)
     return start.changed(**changes)
 
 

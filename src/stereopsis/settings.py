@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias, cast
+from typing import Any, Final, Literal, TypeAlias, cast
 
 from stereopsis import _files
 from stereopsis._fused import MOST_AGGREGATED, streams_census
@@ -904,3 +904,5 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
     }
 )
 DEFAULT_PRESET = "fast"
+PLAIN: Final = Settings()
+"""No check and no filter: what a cost alone starts from."""

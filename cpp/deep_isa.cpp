@@ -449,13 +449,13 @@ class Deep {
   // Of each pixel's lanes the least cost, and the least candidate that has it; candidates are exact as floats.
   STEREOPSIS_NOINLINE void take_winners(int begin, int end) {
     float least[kChunk], first[kChunk];
-    Simd::row_minima(best_, kLanes, least);
+    Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return Simd::load(best_ + slot * kLanes); }, least);
     for (int slot = 0; slot < kChunk; ++slot) {
       float* const place = place_ + slot * kLanes;
       const M equal = Simd::equal(Simd::load(best_ + slot * kLanes), Simd::set(least[slot]));
       Simd::store(place, Simd::select(equal, Simd::load(place), Simd::set(worst)));
     }
-    Simd::row_minima(place_, kLanes, first);
+    Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return Simd::load(place_ + slot * kLanes); }, first);
     for (int x = begin; x < end; ++x) {
       winner_[x] = static_cast<int32_t>(first[x - begin]);
       const float* costs = costs_of(x - begin) + winner_[x];

@@ -695,7 +695,7 @@ class GaussianRows {
     float least[kSlots];
     for (int group = 0; group < groups_; ++group) {
       float keys[kSlots];
-      Simd::row_minima(best_ + group * lanes, best_pitch(), keys);
+      Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return Simd::load(best_ + group * lanes + slot * best_pitch()); }, keys);
       for (int slot = 0; slot < end - begin; ++slot) {
         if (group > 0 && !(coarse(keys[slot]) < coarse(least[slot]))) continue;
         if (!(keys[slot] < worst)) {

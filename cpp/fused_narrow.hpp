@@ -3,8 +3,12 @@
 // For every candidate i of every pixel x, `sums` holds minus the window's sum of (l - 128) r (or, for SAD, plus its
 // sum of |l - r|). From one row to the next the window gains a row and loses one; what that changes slides along x in
 // `slide`: one column in, one column out. Four bytes of the right image (new and old row, entering and leaving column)
-// sit side by side, so that a single multiply-add of four bytes does all of it. The right image is kept mirrored, so
-// that candidates are contiguous. Nothing but integers up to here: exact, and the same for any order of summation.
+// sit side by side, so that a single multiply-add of four bytes does all of it. Nothing but integers up to here: exact, and the
+// same for any order of summation.
+//
+// Of V vectors of candidates, candidate i stands in lane i / V of vector i % V. One pixel on, the same right pixels meet the next
+// candidates: the next vector's. So what a vector takes of the right image, mirrored for candidates to go on with it, is a comb
+// of every V-th column, and from pixel to pixel every comb but one is there already.
 //
 // Only `static` and unnamed things here: an inline function with linkage might be taken from this unit by another one
 // that runs on a lesser machine.
@@ -30,8 +34,12 @@ using M = Simd::M;
 constexpr int kLanes = Simd::lanes;
 constexpr int kBlock = Simd::block;
 constexpr int kSmallBlock = kBlock / 2;
-constexpr int kChunk = 16;  // pixels whose costs are kept until their winners are taken
-static_assert(kChunk >= kLanes && kChunk <= static_cast<int>(kSpareBits) + 1, "see take_right_winners");
+constexpr int kChunk = 16;                 // pixels whose costs are kept until their winners are taken
+constexpr int kStretch = 2 * kChunk;       // pixels whose combs are made at once
+constexpr int kSpare = static_cast<int>(kSpareBits), kSpareWidth = 4;
+constexpr int32_t kNeverLess = 0x7FC00000;  // put into any float's bits: not a number
+static_assert(kBlock <= kSpare + 1, "a vector's number within its block goes into the spare bits");
+static_assert(kSpare + 1 == 1 << kSpareWidth && kLanes <= kSpare + 1 && kChunk == 16, "see by_lane, row_minima");
 
 static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
 static STEREOPSIS_INLINE int least(int a, int b) { return a < b ? a : b; }
@@ -221,8 +229,46 @@ static void fill(T value, int count, T* STEREOPSIS_RESTRICT values) {
   for (int x = 0; x < count; ++x) values[x] = value;
 }
 
-static void count_from(int first, int count, int32_t* STEREOPSIS_RESTRICT values) {
-  for (int x = 0; x < count; ++x) values[x] += first + x;
+// Of `vectors` vectors in order: the same with element l * vectors + m in lane l of vector m.
+template <class T>
+static void comb(const T* STEREOPSIS_RESTRICT row, int vectors, T* STEREOPSIS_RESTRICT combs) {
+  for (int m = 0; m < vectors; ++m)
+    for (int l = 0; l < kLanes; ++l) combs[m * kLanes + l] = row[l * vectors + m];
+}
+
+// Of what blocks of candidates kept apart, the best so far, where `all` of what comes is better; of equal ones the first candidate,
+// by lane, then by vector.
+static void join_keys(const int32_t* STEREOPSIS_RESTRICT keys, int count, int first, int vectors, bool all,
+                      int32_t* STEREOPSIS_RESTRICT best, int32_t* STEREOPSIS_RESTRICT index) {
+  for (int p = 0; p < count; ++p) {
+    const bool better = all || keys[p] >> kSpareWidth < best[p] >> kSpareWidth;
+    index[p] = better ? (keys[p] >> kSpareWidth & kSpare) * vectors + first + (keys[p] & kSpare) : index[p];
+    best[p] = better ? keys[p] : best[p];
+  }
+}
+
+template <class T>
+static void join_costs(const T* STEREOPSIS_RESTRICT costs, const int32_t* STEREOPSIS_RESTRICT indices, int count, bool all,
+                       T* STEREOPSIS_RESTRICT best, int32_t* STEREOPSIS_RESTRICT index) {
+  for (int p = 0; p < count; ++p) {
+    const bool better = all || costs[p] < best[p] || (costs[p] == best[p] && indices[p] < index[p]);
+    index[p] = better ? indices[p] : index[p];
+    best[p] = better ? costs[p] : best[p];
+  }
+}
+
+template <class T>
+static void drop_unmet(const T* STEREOPSIS_RESTRICT best, int count, T none, int32_t* STEREOPSIS_RESTRICT index) {
+  for (int p = 0; p < count; ++p) index[p] = best[p] < none ? index[p] : -1;
+}
+
+// Keeps a compiler from adding up anew, for every access, what it was the sum of.
+template <class T>
+static STEREOPSIS_INLINE T* in_register(T* p) {
+#if defined(__GNUC__)
+  __asm__("" : "+r"(p));
+#endif
+  return p;
 }
 
 // Which rows a pass adds to the sums (+1) and takes from them (-1); 0 leaves one out.
@@ -256,6 +302,10 @@ class Narrow {
   using T = Traits<Kind>;
   using Scalar = typename T::Scalar;
   using Vector = typename VectorOf<Scalar>::type;
+  // What right pixels have met: a key where costs have one, else a cost, whose candidate stands apart.
+  using Met = typename std::conditional<T::keyed, int32_t, Scalar>::type;
+  static constexpr Met nothing_met = worst_cost<Met>();
+  static constexpr bool has_offset = T::squares && Kind != CostKind::zncc;
 
  public:
   Narrow(const Pair& pair, const FusedSettings& settings, void* memory)
@@ -270,12 +320,16 @@ class Narrow {
     inverse_n_ = 1.0f / static_cast<float>(n_);
     sums_ = arena_.template take<int32_t>(static_cast<size_t>(p_.width) * padded_);
     slide_ = arena_.template take<int32_t>(padded_);
-    costs_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * stride() + kChunk);
+    primed_ = arena_.template take<int32_t>(padded_);
+    costs_ = arena_.template take<Scalar>(kept() * stride());
     best_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * padded_);
+    lane_bits_ = arena_.template take<int32_t>(kLanes);
     best_index_ = arena_.template take<int32_t>(kChunk * kLanes);
     index_ = arena_.template take<int32_t>(padded_);
+    put_ = arena_.template take<int32_t>(padded_);
+    place_ = arena_.template take<int32_t>(padded_ + 2) + 1;
     for (int c = 0; c < C; ++c) {
-      quad_[c] = arena_.template take<int32_t>(quads_);
+      right_.quad[c] = take_combed<int32_t>(quads_);
       weight_a_[c] = arena_.template take<int32_t>(columns_);
       weight_b_[c] = arena_.template take<int32_t>(columns_);
       left_column_[c] = arena_.template take<int32_t>(p_.width);
@@ -286,14 +340,14 @@ class Narrow {
       left_rest_[c] = arena_.template take<int32_t>(p_.width);
       left_high_[c] = arena_.template take<float>(p_.width);
       left_low_[c] = arena_.template take<float>(p_.width);
-      right_split_[c] = arena_.template take<int32_t>(stats_);
-      right_mean_[c] = arena_.template take<int32_t>(stats_);
-      right_sum_[c] = arena_.template take<float>(stats_);
+      if (Kind == CostKind::zssd) right_.split[c] = take_combed<int32_t>(stats_);
+      if (Kind == CostKind::zssd) right_.mean[c] = take_combed<int32_t>(stats_);
+      if (T::centred) right_.sum[c] = take_combed<float>(stats_);
     }
+    if (has_offset) right_.offset = take_combed<int32_t>(stats_);
+    if (T::normalised) right_.scale = take_combed<float>(stats_);
     left_scale_ = arena_.template take<float>(p_.width);
-    right_scale_ = arena_.template take<float>(stats_);
     left_offset_ = arena_.template take<int32_t>(p_.width);
-    right_offset_ = arena_.template take<int32_t>(stats_);
     norm_ = arena_.template take<float>(p_.width);
     edge_ = arena_.template take<int32_t>(columns_);
     edge_square_ = arena_.template take<int32_t>(columns_);
@@ -307,14 +361,24 @@ class Narrow {
     mirrored_new_ = arena_.template take<uint8_t>(quads_ + w);
     mirrored_old_ = arena_.template take<uint8_t>(quads_ + w);
     plane_ = arena_.template take<uint8_t>(4 * static_cast<size_t>(p_.width));
-    right_best_ = arena_.template take<Scalar>(stats_ + 2 * kChunk);
-    right_index_ = arena_.template take<int32_t>(stats_ + 2 * kChunk);
+    volume_costs_ = arena_.template take<Scalar>(T::is_float ? padded_ : 0);
+    passing_ = arena_.template take<Scalar>(padded_);
+    each_block([&](auto, int) { ++blocks_; });
+    met_ = arena_.template take<Met>(static_cast<size_t>(blocks_) * padded_);
+    right_met_ = arena_.template take<Met>(static_cast<size_t>(blocks_) * stats_);
+    if (!T::keyed) {
+      passing_index_ = arena_.template take<int32_t>(padded_);
+      met_index_ = arena_.template take<int32_t>(static_cast<size_t>(blocks_) * padded_);
+      right_met_index_ = arena_.template take<int32_t>(static_cast<size_t>(blocks_) * stats_);
+    }
+    right_best_ = arena_.template take<Met>(stats_);
+    right_index_ = arena_.template take<int32_t>(stats_);
     claims_ = arena_.template take<int32_t>(2 * p_.width + 1);
-    winner_ = arena_.template take<int32_t>(p_.width + kChunk);  // these two chunk by chunk, beyond the width
+    winner_ = arena_.template take<int32_t>(p_.width + kChunk);  // these, and `second_`, chunk by chunk, beyond the width
     cost_ = arena_.template take<Scalar>(p_.width + kChunk);
     before_ = arena_.template take<Scalar>(p_.width);
     after_ = arena_.template take<Scalar>(p_.width);
-    second_ = arena_.template take<Scalar>(p_.width);
+    second_ = arena_.template take<Scalar>(p_.width + kChunk);
   }
 
   size_t bytes() const { return arena_.used; }
@@ -323,8 +387,18 @@ class Narrow {
     // All but the sums, which the first pass sets.
     char* const rest = reinterpret_cast<char*>(slide_);
     std::memset(rest, 0, arena_.used - (rest - arena_.base));
-    for (int i = 0; i < padded_; ++i) index_[i] = i;
-    for (size_t i = 0; i < kChunk * stride() + kChunk; ++i) costs_[i] = T::worst;
+    for (int l = 0; l < kLanes; ++l) lane_bits_[l] = l << kSpareWidth;
+    place_[-1] = place_[padded_] = padded_;
+    for (int i = 0; i < padded_; ++i) {
+      place_[i] = i % vectors_ * kLanes + i / vectors_;
+      index_[place_[i]] = i;
+    }
+    for (size_t i = 0; i < kept() * stride(); ++i) costs_[i] = T::worst;
+    each_block([&](auto size, int at) {
+      for (int j = 0; j < size * kLanes; ++j) put_[at + j] = index_[at + j] < p_.count ? j / kLanes : kNeverLess;
+    });
+    fill(nothing_met, blocks_ * stats_, right_met_);
+    if (T::normalised) fill(std::numeric_limits<float>::quiet_NaN(), stats_ + kStretch, right_.scale.row - kStretch);
     // The sums of the row before the first one: its window's rows, two a pass.
     const int top = begin - 1 - s_.window.above();
     for (int y = top; y < top + s_.window.height; y += 2) {
@@ -344,9 +418,8 @@ class Narrow {
   }
 
  private:
-  // Between the kept costs of two pixels: room on both sides for what is next to them. With the left-right check one less than whole
-  // vectors, so that the candidates of a right pixel lie whole vectors apart; the rooms overlap then.
-  size_t stride() const { return padded_ + 2 * kChunk - (s_.left_right ? 1 : 0); }
+  // Between the kept costs of two pixels. The last vector stays the worst: what is next to the first and the last candidate.
+  size_t stride() const { return padded_ + kLanes; }
   int inside(int y) const { return clamp(y, 0, p_.height - 1); }
 
   // ---- what a pass over a row needs -------------------------------------------------------------------------------
@@ -380,7 +453,7 @@ class Narrow {
         weigh_differences(padded_new_, padded_old_, we, wl, w, columns_, weight_a_[c], weight_b_[c]);
       mirror(rn, mirrored_new_);
       mirror(ro, mirrored_old_);
-      interleave(mirrored_new_, mirrored_old_, w, quads_, quad_[c]);
+      interleave(mirrored_new_, mirrored_old_, w, quads_, right_.quad[c].row);
     }
   }
 
@@ -393,6 +466,66 @@ class Narrow {
     reverse_row(row + (last - out + 1), out - in, mirrored + in);
     std::memset(mirrored + out, row[0], length - out);
   }
+
+  // A row of the right image or its windows, mirrored, and the combs of it that a stretch of pixels meets.
+  template <class U>
+  struct Combed {
+    U *row, *combs;
+  };
+  struct Rights {
+    Combed<int32_t> quad[C], split[C], mean[C], offset;
+    Combed<float> sum[C], scale;
+
+    template <class Visit>
+    STEREOPSIS_INLINE void each(Visit visit) {
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        visit(quad[c]);
+        if constexpr (Kind == CostKind::zssd) visit(split[c]);
+        if constexpr (Kind == CostKind::zssd) visit(mean[c]);
+        if constexpr (T::centred) visit(sum[c]);
+      });
+      if constexpr (has_offset) visit(offset);
+      if constexpr (T::normalised) visit(scale);
+    }
+  };
+
+  // Up to kStretch elements before the row are looked at.
+  template <class U>
+  Combed<U> take_combed(int length) {
+    U* const row = arena_.template take<U>(kStretch + length) + kStretch;
+    return {row, arena_.template take<U>(static_cast<size_t>(padded_ + kStretch * kLanes))};
+  }
+
+  // The combs that the pixels before the first would meet; `next_combs` follow.
+  void first_combs() {
+    right_.each([&](auto& one) STEREOPSIS_INLINE_LAMBDA { comb(one.row + p_.width, vectors_, one.combs); });
+  }
+
+  // Those of kStretch pixels from x on: what those before began with, and before it, each moved on by a lane, what stands
+  // `vectors_` further on.
+  STEREOPSIS_NOINLINE void next_combs(int x) {
+    right_.each([&](auto& one) STEREOPSIS_INLINE_LAMBDA {
+      const auto* row = one.row + (p_.width - x - kStretch);
+      auto* const combs = one.combs;
+      for (int m = vectors_ - 1; m >= 0; --m)
+        Simd::store(combs + (m + kStretch) * kLanes, Simd::load(combs + m * kLanes));
+      if (vectors_ == kBlock) {
+        decltype(Simd::load(combs)) last[kBlock];
+        unrolled<kBlock>([&](auto v) STEREOPSIS_INLINE_LAMBDA { last[v] = Simd::load(combs + (kStretch + v) * kLanes); });
+        for (int m = kStretch - kBlock; m >= 0; m -= kBlock)
+          unrolled<kBlock>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+            last[v] = Simd::shift_in(row[m + v], last[v]);
+            Simd::store(combs + (m + v) * kLanes, last[v]);
+          });
+      } else {
+        for (int m = kStretch - 1; m >= 0; --m)
+          Simd::store(combs + m * kLanes, Simd::shift_in(row[m], Simd::load(combs + (m + vectors_) * kLanes)));
+      }
+    });
+  }
+
+  // Where pixel x finds its combs.
+  static int first_comb(int x) { return (kStretch - 1 - x % kStretch) * kLanes; }
 
   // ---- the sliding sums -------------------------------------------------------------------------------------------
 
@@ -407,35 +540,55 @@ class Narrow {
         b[c] = Simd::set(*weight_b[c]);
       });
     }
-    // Whether `advance` leaves something to `b`.
-    STEREOPSIS_INLINE bool extra() const {
+    // Whether `advance` leaves something of the next columns to `b`.
+    STEREOPSIS_INLINE bool extra(int columns) const {
       int any = 0;
-      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { any |= *weight_b[c]; });
+      if constexpr (T::squares && Simd::has_dot8)
+        unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+          for (int k = 0; k < columns; ++k) any |= weight_b[c][k];
+        });
       return any != 0;
     }
-    STEREOPSIS_INLINE void step() {
+    STEREOPSIS_INLINE void step(int back, int columns) {
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-        --quad[c];
-        ++weight_a[c];
-        ++weight_b[c];
+        quad[c] -= back;
+        weight_a[c] += columns;
+        weight_b[c] += columns;
       });
     }
   };
 
-  STEREOPSIS_INLINE Column column(int k, int at = 0) const {
+  STEREOPSIS_INLINE Column column(int k) const {
     Column col;
     col.even = Simd::set(sad_even_);
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-      col.quad[c] = quad_[c] + (columns_ - 1 - k) + at;
+      col.quad[c] = right_.quad[c].row + (columns_ - 1 - k);
       col.weight_a[c] = weight_a_[c] + k;
       col.weight_b[c] = weight_b_[c] + k;
     });
     return col;
   }
 
-  static STEREOPSIS_INLINE I advance(I h, const Column& col, int at) {
+  // The last one of pixel x's window, by combs.
+  STEREOPSIS_INLINE Column combed_column(int x, int at) const {
+    Column col = column(x + s_.window.width - 1);
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { col.quad[c] = right_.quad[c].combs + first_comb(x) + at; });
+    return col;
+  }
+
+  // Of all channels, the right bytes that a column meets.
+  struct Bytes {
+    I of[C];
+  };
+  static STEREOPSIS_INLINE Bytes bytes_at(const Column& col, int at) {
+    Bytes bytes;
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { bytes.of[c] = Simd::load(col.quad[c] + at); });
+    return bytes;
+  }
+
+  static STEREOPSIS_INLINE I advance(I h, const Column& col, const Bytes& bytes) {
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-      const I v = Simd::load(col.quad[c] + at);
+      const I v = bytes.of[c];
       if constexpr (T::squares) {
         h = multiply_add(h, v, col.a[c], col.b[c]);
       } else {
@@ -461,7 +614,7 @@ class Narrow {
   template <int N>
   static STEREOPSIS_INLINE void advance_extra([[maybe_unused]] I (&h)[N], [[maybe_unused]] const Column& col) {
 #if STEREOPSIS_ISA_LEVEL == STEREOPSIS_ISA_avx512vnni
-    if (T::squares && col.extra())
+    if (col.extra(1))
       unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
         unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
           h[v] = Simd::dot8(h[v], Simd::load(col.quad[c] + v * kLanes), col.b[c]);
@@ -484,44 +637,52 @@ class Narrow {
     }
   }
 
-  // The columns before those that the first pixel's window brings in.
-  void prime_slide() {
+  // What the columns before those that the first pixel's window brings in change, for all candidates.
+  STEREOPSIS_NOINLINE void prime_slide() {
     each_block([&](auto size, int at) {
       I h[size];
       for (auto& v : h) v = Simd::set(0);
-      slide_on<size>(h, 0, s_.window.width - 1, at, [](auto&) STEREOPSIS_INLINE_LAMBDA {});
+      Column col = column(0);
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { col.quad[c] += at; });
+      slide_on<size, 1>(h, col, s_.window.width - 1, [](auto&) STEREOPSIS_INLINE_LAMBDA {});
+      unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(primed_ + at + v * kLanes, h[v]); });
     });
+    comb(primed_, vectors_, slide_);
   }
 
   // Adds a row's change to the sums of all pixels, which are nothing before the first.
   void accumulate(bool first) {
     prime_slide();
-    each_block([&](auto size, int at) {
-      I h[size];
-      unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
-      int32_t* sums = sums_ + at;
-      slide_on<size>(h, s_.window.width - 1, p_.width, at, [&](auto& change) STEREOPSIS_INLINE_LAMBDA {
-        unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-          int32_t* const sum = sums + v.value * kLanes;
-          Simd::store(sum, first ? change[v] : Simd::add(Simd::load(sum), change[v]));
+    first_combs();
+    for (int x = 0; x < p_.width; x += kStretch) {
+      next_combs(x);
+      each_block([&](auto size, int at) {
+        I h[size];
+        unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
+        int32_t* sums = sums_ + static_cast<size_t>(x) * padded_ + at;
+        slide_on<size, kLanes>(h, combed_column(x, at), least(kStretch, p_.width - x),
+                               [&](auto& change) STEREOPSIS_INLINE_LAMBDA {
+          unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+            int32_t* const sum = sums + v.value * kLanes;
+            Simd::store(sum, first ? change[v] : Simd::add(Simd::load(sum), change[v]));
+          });
+          sums += padded_;
         });
-        sums += padded_;
+        unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
       });
-    });
+    }
   }
 
-  // Lets `count` columns in, from column k on, and visits what has changed after each.
-  template <int N, class Visit>
-  STEREOPSIS_INLINE void slide_on(I (&h)[N], int k, int count, int at, Visit visit) {
-    Column col = column(k, at);
+  // Lets `count` columns in and visits what has changed after each.
+  template <int N, int Apart, class Visit>
+  STEREOPSIS_INLINE void slide_on(I (&h)[N], Column col, int count, Visit visit) {
     for (int step = 0; step < count; ++step) {
       col.load();
       advance_extra(h, col);
-      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = advance(h[v], col, v.value * kLanes); });
+      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = advance(h[v], col, bytes_at(col, v.value * kLanes)); });
       visit(h);
-      col.step();
+      col.step(Apart, 1);
     }
-    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
   }
 
   // ---- window statistics ------------------------------------------------------------------------------------------
@@ -541,7 +702,7 @@ class Narrow {
       sum_windows(right_column_[c], right_square_[c], true);
       describe_right(c, from, to - from, from - p_.first);
     }
-    if (T::normalised) inverse_roots(norm_ + from, to - from, least, right_scale_ + from - p_.first);
+    if (T::normalised) inverse_roots(norm_ + from, to - from, least, right_.scale.row + from - p_.first);
   }
 
   void sum_windows(const int32_t* column, const int32_t* square, bool reversed) {
@@ -567,51 +728,52 @@ class Narrow {
   void describe_right(int c, int from, int count, int to) {
     if (Kind == CostKind::ncc) {
       add_energy(square_, p_.width, c == 0, norm_);
-      add_offset(sum_ + from, square_ + from, count, c == 0, kCentre, 0, right_offset_ + to);
+      add_offset(sum_ + from, square_ + from, count, c == 0, kCentre, 0, right_.offset.row + to);
     }
     if (Kind == CostKind::ssd)
-      add_offset(sum_ + from, square_ + from, count, c == 0, -2 * kCentre, 1, right_offset_ + to);
-    if (Kind == CostKind::zssd) add_offset(sum_ + from, about_ + from, count, c == 0, 0, 1, right_offset_ + to);
+      add_offset(sum_ + from, square_ + from, count, c == 0, -2 * kCentre, 1, right_.offset.row + to);
+    if (Kind == CostKind::zssd) add_offset(sum_ + from, about_ + from, count, c == 0, 0, 1, right_.offset.row + to);
     if (Kind == CostKind::zncc) add_deviation(sum_, square_, p_.width, 1.0 / n_, c == 0, norm_);
-    if (Kind == CostKind::zssd) split_right(sum_ + from, mean_ + from, count, right_split_[c] + to, right_mean_[c] + to);
-    if (T::centred) to_floats((T::normalised ? sum_ : rest_) + from, count, right_sum_[c] + to);
+    if (Kind == CostKind::zssd) split_right(sum_ + from, mean_ + from, count, right_.split[c].row + to, right_.mean[c].row + to);
+    if (T::centred) to_floats((T::normalised ? sum_ : rest_) + from, count, right_.sum[c].row + to);
   }
 
   // ---- from sums to costs -----------------------------------------------------------------------------------------
 
   // Where the innermost loop reads and writes, held by value: members could be overwritten for all the compiler knows.
   struct Views {
-    const int32_t *split[C], *mean[C], *offset, *index;
+    const int32_t *split[C], *mean[C], *offset, *index, *put;
     const float *sum[C], *scale;
     int32_t* sums;
     Scalar* costs;
 
-    STEREOPSIS_INLINE void step(int padded, size_t pitch) {
+    STEREOPSIS_INLINE void step(int pixels, int padded, size_t pitch) {
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-        --split[c];
-        --mean[c];
-        --sum[c];
+        split[c] -= pixels * kLanes;
+        mean[c] -= pixels * kLanes;
+        sum[c] -= pixels * kLanes;
       });
-      --offset;
-      --scale;
-      sums += padded;
-      costs += pitch;
+      offset -= pixels * kLanes;
+      scale -= pixels * kLanes;
+      sums += pixels * padded;
+      costs += pixels * pitch;
     }
   };
 
-  STEREOPSIS_INLINE Views views_at(int x, int slot, int at) const {
-    const int mirrored = p_.width - 1 - x + at;
+  STEREOPSIS_INLINE Views views_at(int x, int at) const {
+    const int first = first_comb(x) + at;
     Views v;
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-      v.split[c] = right_split_[c] + mirrored;
-      v.mean[c] = right_mean_[c] + mirrored;
-      v.sum[c] = right_sum_[c] + mirrored;
+      v.split[c] = right_.split[c].combs + first;
+      v.mean[c] = right_.mean[c].combs + first;
+      v.sum[c] = right_.sum[c].combs + first;
     });
-    v.offset = right_offset_ + mirrored;
-    v.scale = right_scale_ + mirrored;
+    v.offset = right_.offset.combs + first;
+    v.scale = right_.scale.combs + first;
+    v.put = put_ + at;
     v.index = index_ + at;
     v.sums = sums_ + static_cast<size_t>(x) * padded_ + at;
-    v.costs = costs_of(slot) + at;
+    v.costs = costs_of(x) + at;
     return v;
   }
 
@@ -635,45 +797,59 @@ class Narrow {
     return l;
   }
 
-  static STEREOPSIS_INLINE Vector cost(I sums, [[maybe_unused]] const Left& l, [[maybe_unused]] const Views& v,
-                                       [[maybe_unused]] int at) {
+  // What a comb of right windows says to every pixel that meets it.
+  struct Right {
+    I split[C], mean[C], offset;
+    F sum[C], scale;
+  };
+
+  static STEREOPSIS_INLINE Right right_at(const Views& v, int at) {
+    Right r;
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+      if (Kind == CostKind::zssd) r.split[c] = Simd::load(v.split[c] + at);
+      if (Kind == CostKind::zssd) r.mean[c] = Simd::load(v.mean[c] + at);
+      if (T::centred) r.sum[c] = Simd::load(v.sum[c] + at);
+    });
+    if (has_offset) r.offset = Simd::load(v.offset + at);
+    if (T::normalised) r.scale = Simd::load(v.scale + at);
+    return r;
+  }
+
+  static STEREOPSIS_INLINE Vector cost(I sums, [[maybe_unused]] const Left& l, [[maybe_unused]] const Right& r) {
     if constexpr (Kind == CostKind::sad) {
       return sums;
     } else if constexpr (Kind == CostKind::ssd) {
-      return Simd::add(Simd::add(Simd::add(sums, sums), Simd::load(v.offset + at)), l.offset);
+      return Simd::add(Simd::add(Simd::add(sums, sums), r.offset), l.offset);
     } else if constexpr (Kind == CostKind::ncc) {
-      const F product = Simd::to_float(Simd::sub(sums, Simd::load(v.offset + at)));
-      return Simd::fused(Simd::mul(product, l.scale), Simd::load(v.scale + at), Simd::set(kCorrelationBase));
+      const F product = Simd::to_float(Simd::sub(sums, r.offset));
+      return Simd::fused(Simd::mul(product, l.scale), r.scale, Simd::set(kCorrelationBase));
     } else if constexpr (Kind == CostKind::zncc) {
-      F covariance = Simd::to_float(sums), right[C];
-      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-        right[c] = Simd::once(Simd::load(v.sum[c] + at));
-        covariance = Simd::fused(l.high[c], right[c], covariance);
-      });
+      F covariance = Simd::to_float(sums);
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { covariance = Simd::fused(l.high[c], r.sum[c], covariance); });
       if constexpr (C == 1) {
         covariance = Simd::fused(covariance, l.scale, l.low[0]);
       } else {
-        unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { covariance = Simd::fused(l.low[c], right[c], covariance); });
+        unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { covariance = Simd::fused(l.low[c], r.sum[c], covariance); });
         covariance = Simd::mul(covariance, l.scale);
       }
-      return Simd::fused(covariance, Simd::load(v.scale + at), Simd::set(kCorrelationBase));
+      return Simd::fused(covariance, r.scale, Simd::set(kCorrelationBase));
     } else {
       F excess;
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-        sums = Simd::dot16(sums, Simd::load(v.split[c] + at), l.mean[c]);
-        sums = Simd::dot16(sums, Simd::load(v.mean[c] + at), l.rest[c]);
-        const F rest = Simd::sub(l.low[c], Simd::load(v.sum[c] + at));
+        sums = Simd::dot16(sums, r.split[c], l.mean[c]);
+        sums = Simd::dot16(sums, r.mean[c], l.rest[c]);
+        const F rest = Simd::sub(l.low[c], r.sum[c]);
         const F square = Simd::mul(Simd::mul(rest, rest), l.inverse_n);
         excess = c == 0 ? square : Simd::add(excess, square);
       });
-      const I whole = Simd::add(Simd::add(Simd::add(sums, sums), Simd::load(v.offset + at)), l.offset);
+      const I whole = Simd::add(Simd::add(Simd::add(sums, sums), r.offset), l.offset);
       return Simd::sub(Simd::to_float(whole), excess);
     }
   }
 
   // ---- winners ----------------------------------------------------------------------------------------------------
 
-  enum class Sight { none, some, all };  // how many of a block's candidates lie inside the right image
+  enum class Sight { none, some, all };  // how many of a pixel's candidates lie inside the right image
 
   // Candidates [first_seen, end_seen) of pixel x are inside the right image.
   int first_seen(int x) const { return most(0, x - p_.first - (p_.width - 1)); }
@@ -683,47 +859,54 @@ class Narrow {
 
   void match_row() {
     if (s_.left_right) {
-      fill(T::keyed ? static_cast<Scalar>(coarse(T::worst)) : T::worst, stats_ + 2 * kChunk, right_best_);
-      fill(-1, stats_ + 2 * kChunk, right_index_);
+      fill(T::worst, padded_, passing_);
+      fill(nothing_met, blocks_ * padded_, met_);
     }
     prime_slide();
+    first_combs();
     for (int x = 0; x < p_.width; x += kChunk) {
       const int end = least(x + kChunk, p_.width);
+      if (x % kStretch == 0) next_combs(x);
       each_block([&](auto size, int at) { match_block<size>(x, end, at); });
+      // Of the chunk before: by now what was struck out has reached the cache, where vectors can be read across it.
+      if (s_.uniqueness && x > 0) take_second(x - kChunk);
       if constexpr (T::is_float)
         if (volume_row_) hand_out_costs(x, end);
+      if (s_.left_right) {
+        int block = 0;
+        each_block([&](auto size, int at) { take_right_block<size>(x, end, at, block++); });
+      }
       take_winners(x, end);
-      if (s_.left_right) take_right_winners(x, end);
-      if (s_.uniqueness) take_second(x, end);
     }
-    if (s_.left_right) count_from(1 - p_.width, stats_, right_index_ + kChunk);  // from columns to candidates
+    if (s_.left_right) show_right_winners();
+    if (s_.uniqueness) take_second((p_.width - 1) / kChunk * kChunk);
   }
 
-  Sight sight(int x, int at, int past) const {
+  Sight sight(int x) const {
     const int lo = first_seen(x), hi = end_seen(x);
-    if (hi <= lo || at >= hi || past <= lo) return Sight::none;
-    return lo <= at && past <= hi ? Sight::all : Sight::some;
+    return hi <= lo ? Sight::none : lo == 0 && hi == padded_ ? Sight::all : Sight::some;
   }
 
   template <int N>
   void match_block(int begin, int end, int at) {
-    const int past = at + N * kLanes;
-    // Pixels that see all candidates of a block lie side by side: mostly the whole chunk does.
-    if (sight(begin, at, past) == Sight::all && sight(end - 1, at, past) == Sight::all)
-      return match_run<N, Sight::all>(begin, end, 0, at);
+    // Correlations out of view are no numbers by themselves; only lanes that hold no candidate are left.
+    if constexpr (T::keyed)
+      return p_.count == padded_ ? match_run<N, Sight::all>(begin, end, at) : match_run<N, Sight::some>(begin, end, at);
+    // Pixels that see all lie side by side: mostly the whole chunk does.
+    if (sight(begin) == Sight::all && sight(end - 1) == Sight::all) return match_run<N, Sight::all>(begin, end, at);
     for (int x = begin; x < end;) {
-      const Sight see = sight(x, at, past);
+      const Sight see = sight(x);
       int run = x + 1;
-      while (run < end && sight(run, at, past) == see) ++run;
+      while (run < end && sight(run) == see) ++run;
       switch (see) {
         case Sight::none:
-          match_run<N, Sight::none>(x, run, x - begin, at);
+          match_run<N, Sight::none>(x, run, at);
           break;
         case Sight::some:
-          match_run<N, Sight::some>(x, run, x - begin, at);
+          match_run<N, Sight::some>(x, run, at);
           break;
         case Sight::all:
-          match_run<N, Sight::all>(x, run, x - begin, at);
+          match_run<N, Sight::all>(x, run, at);
           break;
       }
       x = run;
@@ -731,213 +914,323 @@ class Narrow {
   }
 
   template <int N, Sight See>
-  STEREOPSIS_NOINLINE void match_run(const int begin, const int end, const int slot, const int at) {
+  STEREOPSIS_NOINLINE void match_run(const int begin, const int end, const int at) {
+    const int slot = begin % kChunk;
     const int padded = padded_;
     const size_t pitch = stride();
-    const I keep = Simd::set(~static_cast<int32_t>(kSpareBits));
+    const I keep = Simd::set(~kSpare);
     I h[N];
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
-    Column col = column(begin + s_.window.width - 1, at);
-    Views views = views_at(begin, slot, at);
+    Column col = combed_column(begin, at);
+    Views views = views_at(begin, at);
     Scalar* best = best_of(at) + slot * kLanes;
     int32_t* best_index = best_index_ + slot * kLanes;
-    for (int x = begin; x < end; ++x) {
-      col.load();
-      advance_extra(h, col);
-      [[maybe_unused]] const Left left = left_at(x);
-      [[maybe_unused]] const int lo = first_seen(x), hi = end_seen(x);
-      const bool fresh = T::keyed || at == 0;
-      Vector b = fresh ? Simd::set(T::worst) : Simd::load(best);
-      I bi = fresh ? Simd::set(-1) : Simd::load(best_index);
-      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-        constexpr int j = v.value * kLanes;
-        h[v] = advance(h[v], col, j);
-        Vector value = Simd::set(T::worst);
-        if constexpr (See != Sight::none) {
-          // A candidate that its pixel does not see in this row, it sees in none: nobody needs its sum.
-          if (See == Sight::all || (at + j < hi && at + j + kLanes > lo)) {
-            const I s = Simd::add(Simd::load(views.sums + j), h[v]);
-            Simd::store(views.sums + j, s);
-            value = cost(s, left, views, j);
-            if constexpr (T::keyed) {
-              value = Simd::mark(value, keep, Simd::set(v.value));
-              if (See == Sight::some && (at + j < lo || at + j + kLanes > hi))
-                value = Simd::select(Simd::inside(Simd::load(views.index + j), lo, hi), value,
-                                     Simd::set(T::worst));
-              b = Simd::min(value, b);
-            } else {
-              const I index = Simd::load(views.index + j);
-              if constexpr (See == Sight::some)
-                value = Simd::select(Simd::inside(index, lo, hi), value, Simd::set(T::worst));
-              const M better = Simd::less(value, b);
-              b = Simd::select(better, value, b);
-              bi = Simd::select(better, index, bi);
-            }
-          }
-        }
-        Simd::store(views.costs + j, value);
+    const auto match = [&](auto pixels, int x) STEREOPSIS_INLINE_LAMBDA {
+      constexpr int P = pixels;
+      Column cols[P];
+      Left left[P];
+      Vector b[P];
+      I bi[P];
+      int32_t* sums[P];
+      Scalar* costs[P];
+      unrolled<P>([&](auto p) STEREOPSIS_INLINE_LAMBDA {
+        cols[p] = col;
+        cols[p].step(0, p);
+        cols[p].load();
+        left[p] = left_at(x + p);
+        sums[p] = in_register(views.sums + p * padded);
+        costs[p] = in_register(views.costs + p * pitch);
+        b[p] = Simd::set(T::worst);
+        bi[p] = Simd::set(0);
       });
-      Simd::store(best, b);
-      if (!T::keyed) Simd::store(best_index, bi);
-      col.step();
-      views.step(padded, pitch);
-      best += kLanes;
-      best_index += kLanes;
+      if (P == 1) advance_extra(h, cols[0]);
+      // The comb that a pixel's vector meets, the next one's next vector meets: from the last to the first, so that a sum's change
+      // has seen the one before the other.
+      unrolled<N + P - 1>([&](auto comb) STEREOPSIS_INLINE_LAMBDA {
+        constexpr int from = N - 1 - comb.value;
+        const Bytes bytes = bytes_at(col, from * kLanes);
+        const Right right = right_at(views, from * kLanes);
+        unrolled<P>([&](auto p) STEREOPSIS_INLINE_LAMBDA {
+          constexpr int v = from + p.value, j = v * kLanes;
+          if constexpr (v >= 0 && v < N) {
+            h[v] = Simd::once(advance(h[v], cols[p], bytes));
+            Vector value = Simd::set(T::worst);
+            if constexpr (See != Sight::none) {
+              const I s = Simd::add(Simd::load(sums[p] + j), h[v]);
+              Simd::store(sums[p] + j, s);
+              value = cost(s, left[p], right);
+              if constexpr (T::keyed) {
+                value = Simd::mark(value, keep, See == Sight::all ? Simd::set(v) : Simd::load(views.put + j));
+                b[p] = Simd::min(value, b[p]);
+              } else {
+                if constexpr (See == Sight::some)
+                  value = Simd::select(Simd::inside(Simd::load(views.index + j), first_seen(x + p), end_seen(x + p)), value,
+                                       Simd::set(T::worst));
+                const M better = Simd::less(b[p], value);
+                b[p] = Simd::select(better, b[p], value);
+                bi[p] = Simd::select(better, bi[p], Simd::set(v));
+              }
+            }
+            Simd::store(costs[p] + j, value);
+          }
+        });
+      });
+      unrolled<P>([&](auto p) STEREOPSIS_INLINE_LAMBDA {
+        if constexpr (T::keyed) {
+          Simd::store(best + p * kLanes, b[p]);
+        } else {
+          bi[p] = Simd::add(bi[p], Simd::load(views.index));
+          if (at > 0) {
+            const Vector before = Simd::load(best + p * kLanes);
+            const M better = Simd::less(b[p], before);
+            b[p] = Simd::select(better, b[p], before);
+            bi[p] = Simd::select(better, bi[p], Simd::load(best_index + p * kLanes));
+          }
+          Simd::store(best + p * kLanes, b[p]);
+          Simd::store(best_index + p * kLanes, bi[p]);
+        }
+      });
+      col.step(P * kLanes, P);
+      views.step(P, padded, pitch);
+      best += P * kLanes;
+      best_index += P * kLanes;
+    };
+    for (int x = begin; x < end;) {
+      if constexpr (Simd::pixels > 1)
+        if (x + Simd::pixels <= end && !col.extra(Simd::pixels)) {
+          match(Constant<Simd::pixels>{}, x);
+          x += Simd::pixels;
+          continue;
+        }
+      match(Constant<1>{}, x);
+      ++x;
     }
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(slide_ + at + v * kLanes, h[v]); });
   }
 
-  void take_winners(int begin, int end) {
-    if constexpr (T::keyed) {
+  STEREOPSIS_NOINLINE void take_winners(int begin, int end) {
+    if constexpr (T::keyed)
       take_keyed_winners(winner_ + begin, cost_ + begin);
-    } else {
-      for (int x = begin; x < end; ++x) {
-        winner_[x] = indexed_winner(x - begin);
-        cost_[x] = costs_of(x - begin)[winner_[x]];
-      }
-    }
+    else
+      take_indexed_winners(winner_ + begin, cost_ + begin);
+    s_.uniqueness ? take_neighbours<true>(begin, end) : take_neighbours<false>(begin, end);
+  }
+
+  // The costs next to the winner's. For the least of the others they are struck out, and so is that.
+  template <bool Strike>
+  void take_neighbours(int begin, int end) {
     for (int x = begin; x < end; ++x) {
-      const Scalar* costs = costs_of(x - begin) + winner_[x];
-      before_[x] = costs[-1];
-      after_[x] = costs[1];
+      Scalar* costs = costs_of(x);
+      const int32_t* place = place_ + winner_[x];
+      const int before = place[-1], after = place[1];
+      before_[x] = costs[before];
+      after_[x] = costs[after];
+      if (Strike) costs[before] = costs[place[0]] = costs[after] = T::worst;
     }
   }
 
   void hand_out_costs(int begin, int end) const {
+    Scalar* STEREOPSIS_RESTRICT in_order = volume_costs_;
     for (int x = begin; x < end; ++x) {
+      const Scalar* costs = costs_of(x);
+      for (int i = 0; i < padded_; i += kLanes) Simd::store(in_order + i, Simd::gather(costs, Simd::load(place_ + i)));
       float* STEREOPSIS_RESTRICT out = volume_row_ + static_cast<size_t>(x) * p_.count;
-      const Scalar* STEREOPSIS_RESTRICT costs = costs_of(x - begin);
-      for (int i = 0; i < p_.count; ++i) out[i] = T::keyed ? correlation_cost(costs[i]) : costs[i];
+      for (int i = 0; i < p_.count; ++i) out[i] = T::keyed ? correlation_cost(in_order[i]) : in_order[i];
     }
   }
 
-  Scalar* costs_of(int slot) const { return costs_ + slot * stride() + kChunk; }
+  // What is kept of pixel x's costs, until those of the next chunk but one.
+  Scalar* costs_of(int x) const { return costs_ + x % kept() * stride(); }
+  int kept() const { return s_.uniqueness ? 2 * kChunk : kChunk; }
 
   // The least costs of a chunk's pixels so far, lane by lane; of each block by itself where they are keyed.
   Scalar* best_of(int at) const { return best_ + (T::keyed ? static_cast<size_t>(at) * kChunk : 0); }
 
-  template <class Unused = void>
-  int indexed_winner(int slot) const {
-    const Vector b = Simd::load(best_ + slot * kLanes);
-    const I bi = Simd::load(best_index_ + slot * kLanes);
-    const I at_least = Simd::select(Simd::equal(b, splat(Simd::reduce_min(b))), bi, Simd::set(INT32_MAX));
-    return Simd::reduce_min(at_least);
+  // These two of a whole chunk, whatever its end: loops of known length.
+  STEREOPSIS_NOINLINE void take_indexed_winners(int32_t* STEREOPSIS_RESTRICT winner, Scalar* STEREOPSIS_RESTRICT least) {
+    Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return Simd::load(best_ + slot * kLanes); }, least);
+    // Of the lanes that have it, the first candidate.
+    Simd::row_minima(
+        [&](int slot) STEREOPSIS_INLINE_LAMBDA {
+          const M here = Simd::equal(Simd::load(best_ + slot * kLanes), splat(least[slot]));
+          return Simd::select(here, Simd::load(best_index_ + slot * kLanes), Simd::set(INT32_MAX));
+        },
+        winner);
   }
 
-  // Of a whole chunk, whatever its end: loops of known length.
   STEREOPSIS_NOINLINE void take_keyed_winners(int32_t* STEREOPSIS_RESTRICT winner, Scalar* STEREOPSIS_RESTRICT least) {
+    const I lane_bits = Simd::load(lane_bits_);
     for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
+      int32_t keys[kChunk];
       const Scalar* best = best_of(v * kLanes);
-      Scalar keys[kChunk];
-      int32_t found[kChunk];
-      Simd::row_minima(best, kLanes, keys);
-      for (int slot = 0; slot < kChunk; ++slot)
-        found[slot] = Simd::first_equal(Simd::load(best + slot * kLanes), keys[slot]);
+      Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return by_lane(Simd::load(best + slot * kLanes), lane_bits); },
+                       keys);
       for (int slot = 0; slot < kChunk; ++slot) {
-        uint32_t bits;
-        std::memcpy(&bits, keys + slot, sizeof bits);
-        found[slot] += (v + static_cast<int>(bits & kSpareBits)) * kLanes;
-        const bool better = v == 0 || coarse(keys[slot]) < coarse(least[slot]);
-        winner[slot] = better ? found[slot] : winner[slot];
-        least[slot] = better ? keys[slot] : least[slot];
+        const int32_t key = keys[slot];
+        const int found = (key >> kSpareWidth & kSpare) * vectors_ + v + (key & kSpare);
+        const Scalar cost = key_cost(key);
+        const bool better = v == 0 || cost < least[slot] || (cost == least[slot] && found < winner[slot]);
+        winner[slot] = better ? found : winner[slot];
+        least[slot] = better ? cost : least[slot];
       }
     }
+  }
+
+  // A cost between 2^-15 and 2^15 without its spare bits, then its lane, then what the spare bits said, as an integer that is
+  // ordered like these: of equal costs the least is the first candidate's.
+  static STEREOPSIS_INLINE I by_lane(F cost, I lane_bits) {
+    const I bits = Simd::bits(cost), low = Simd::mark(bits, Simd::set(kSpare), lane_bits);
+    return Simd::mark(Simd::times_16(bits), Simd::set(-(1 << 2 * kSpareWidth)), low);
+  }
+  static int32_t worst_key() {
+    uint32_t bits;
+    std::memcpy(&bits, &kWorstKept, sizeof bits);
+    return static_cast<int32_t>(bits << kSpareWidth);
+  }
+  static float key_cost(int32_t key) {
+    // The exponent's first bit and the next three tell 2^-15 ... 2 from 2 ... 2^15: now the sign does.
+    const int32_t bits = ((key >> 2 * kSpareWidth) * (1 << kSpareWidth)) + 0x40000000;
+    float cost;
+    std::memcpy(&cost, &bits, sizeof cost);
+    return cost;
   }
 
   static STEREOPSIS_INLINE Vector splat(Scalar v) { return Simd::set(v); }
 
-  // The right view's winners so far, with the costs of pixels [begin, end): right pixel by right pixel, that is by mirrored
-  // column, where candidate i of pixel x stands at width - 1 - x + i. In the kept costs that is a diagonal, whose steps
-  // `stride` makes whole vectors. Costs out of view are the worst, and so is what lies around the candidates.
-  STEREOPSIS_NOINLINE void take_right_winners(int begin, int end) {
-    constexpr int abreast = kBlock + 1;  // all of 128 candidates at once; many, to hide the latency of minima
-    int i = -kChunk;
-    for (; i + abreast * kLanes <= padded_; i += abreast * kLanes) take_right_block<abreast>(begin, end, i);
-    for (; i < padded_; i += kLanes) take_right_block<1>(begin, end, i);
-  }
-
-  // N vectors of right pixels, whose candidate of pixel `begin` in the first lane is i; one more a pixel.
+  // The right view's winners so far, with the costs of pixels [begin, end). Right pixels go by mirrored column, where
+  // candidate i of pixel x stands at width - 1 - x + i: from one pixel to the next a comb of them goes from one vector to the next,
+  // and from the last to the first, one lane on. A block keeps the best of what a comb has met in passing its vectors, each time
+  // anew; right pixels leave by the last lane, having met all that the block has for them.
   template <int N>
-  STEREOPSIS_INLINE void take_right_block(const int begin, const int end, const int i) {
-    const size_t step = stride() + 1;
-    const Scalar* STEREOPSIS_RESTRICT costs = costs_of(0) + i;
-    Scalar* STEREOPSIS_RESTRICT best = right_best_ + kChunk + (p_.width - 1 - begin) + i;
-    int32_t* STEREOPSIS_RESTRICT index = right_index_ + kChunk + (p_.width - 1 - begin) + i;
-    Vector b[N];
-    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { b[v] = splat(T::worst); });
-    if constexpr (T::keyed) {
-      const I cut = Simd::set(~static_cast<int32_t>(kSpareBits)), one = Simd::set(1);
-      I slot = Simd::set(0);
-      for (int x = begin; x < end; ++x, costs += step) {
-        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-          b[v] = Simd::min(Simd::mark(Simd::load(costs + v.value * kLanes), cut, slot), b[v]);
-        });
-        slot = Simd::add(slot, one);
-      }
-      // A chunk begins at a multiple of its length: its column and the slot share no bits.
-      const I spare = Simd::set(static_cast<int32_t>(kSpareBits)), column = Simd::set(begin);
+  STEREOPSIS_NOINLINE void take_right_block(const int begin, const int end, const int at, const int block) {
+    Vector b[N + 1];
+    I index[N + 1];
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+      b[v] = Simd::load(passing_ + at + v * kLanes);
+      if constexpr (!T::keyed) index[v] = Simd::load(passing_index_ + at + v * kLanes);
+    });
+    const Scalar* costs = costs_of(begin) + at;
+    const size_t pitch = stride();
+    const int comb = p_.width - 1 - begin + at / kLanes + N - 1;  // that passes the last vector
+    Passed passed(*this, block, at, comb);
+    for (int x = begin; x < end; ++x, costs += pitch) {
+      unrolled<N>([&](auto w) STEREOPSIS_INLINE_LAMBDA {
+        constexpr int v = N - 1 - w.value;
+        const Vector value = Simd::load(costs + v * kLanes);
+        if constexpr (!T::keyed)
+          index[v + 1] = Simd::select(Simd::less(value, b[v]), Simd::set(v), index[v]);
+        b[v + 1] = Simd::min(value, b[v]);
+      });
+      b[0] = splat(T::worst);
+      if constexpr (!T::keyed) index[0] = Simd::set(0);
+      passed.keep(b[N], index[N]);
+    }
+    if (end < p_.width) {
       unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-        const M better = Simd::less(b[v], Simd::load(best + v * kLanes));
-        Simd::store(best + v * kLanes, better, Simd::mask(b[v], cut));
-        Simd::store(index + v * kLanes, better, Simd::bits(Simd::mark(b[v], spare, column)));
+        Simd::store(passing_ + at + v * kLanes, b[v]);
+        if constexpr (!T::keyed) Simd::store(passing_index_ + at + v * kLanes, index[v]);
       });
     } else {
-      I column[N];
-      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { column[v] = Simd::set(begin); });
-      for (int x = begin; x < end; ++x, costs += step) {
-        const I here = Simd::set(x);
-        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-          const Vector value = Simd::load(costs + v.value * kLanes);
-          column[v] = Simd::select(Simd::less(value, b[v]), here, column[v]);
-          b[v] = Simd::min(value, b[v]);
-        });
-      }
-      unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-        const M better = Simd::less(b[v], Simd::load(best + v * kLanes));
-        Simd::store(best + v * kLanes, better, b[v]);
-        Simd::store(index + v * kLanes, better, column[v]);
+      unrolled<N - 1>([&](auto w) STEREOPSIS_INLINE_LAMBDA {
+        constexpr int v = N - 1 - w.value;
+        passed.keep(b[v], index[v]);
       });
+      // Who has not left by the last lane has moved on by one.
+      const size_t met = static_cast<size_t>(block) * padded_;
+      size_t to = static_cast<size_t>(block) * stats_ + at / kLanes;
+      for (int l = 1; l < kLanes; ++l)
+        for (int m = 0; m < vectors_; ++m, ++to) {
+          const size_t from = met + (at / kLanes + m) % vectors_ * kLanes + l;
+          right_met_[to] = met_[from];
+          if constexpr (!T::keyed) right_met_index_[to] = met_index_[from];
+        }
     }
   }
 
-  // The least cost of the candidates that are not next to the winner. Strikes out the stored costs of those that are.
-  STEREOPSIS_NOINLINE void take_second(int begin, int end) {
-    for (int x = begin; x < end; ++x) {
-      Scalar* costs = costs_of(x - begin) + winner_[x];
-      costs[-1] = costs[0] = costs[1] = T::worst;
+  // Where a block keeps what combs have met, one after another. Held by value, as `Views` are.
+  class Passed {
+   public:
+    STEREOPSIS_INLINE Passed(const Narrow& n, int block, int at, int comb)
+        : vectors_(n.vectors_), row_(comb % n.vectors_), lanes_(Simd::load(T::keyed ? n.lane_bits_ : n.index_ + at)) {
+      const size_t leaving = static_cast<size_t>(block) * n.stats_ + comb + (kLanes - 1) * (n.vectors_ - 1);
+      met_ = n.met_ + static_cast<size_t>(block) * n.padded_;
+      leaving_ = n.right_met_ + leaving;
+      if constexpr (!T::keyed) {
+        index_ = n.met_index_ + static_cast<size_t>(block) * n.padded_;
+        leaving_index_ = n.right_met_index_ + leaving;
+      }
     }
-    constexpr int abreast = 4;  // as many minima as hide each other's latency
-    // Whole vectors from one at or before the first candidate; what lies around the candidates is the worst.
-    const int before = s_.left_right ? kChunk : 0, count = padded_ + before;
-    const size_t pitch = stride() + (s_.left_right ? 1 : 0);
+    STEREOPSIS_INLINE void keep(Vector cost, [[maybe_unused]] I index) {
+      Met* const here = met_ + row_ * kLanes;
+      if constexpr (T::keyed) {
+        const I met = Simd::min(by_lane(cost, lanes_), Simd::load(here));
+        Simd::store_last(leaving_--, met);
+        Simd::store(here, Simd::shift_in(nothing_met, met));
+      } else {
+        int32_t* const index_here = index_ + row_ * kLanes;
+        const Vector before = Simd::load(here);
+        const M better = Simd::less(cost, before);
+        const Vector met = Simd::select(better, cost, before);
+        index = Simd::select(better, Simd::add(index, lanes_), Simd::load(index_here));
+        Simd::store_last(leaving_--, met);
+        Simd::store_last(leaving_index_--, index);
+        Simd::store(here, Simd::shift_in(nothing_met, met));
+        Simd::store(index_here, Simd::shift_in(0, index));
+      }
+      row_ = row_ > 0 ? row_ - 1 : vectors_ - 1;
+    }
+
+   private:
+    int vectors_, row_;
+    I lanes_;  // what tells them apart in a key, or their candidates in the block's first vector
+    Met *met_, *leaving_;
+    int32_t *index_, *leaving_index_;
+  };
+
+  STEREOPSIS_NOINLINE void show_right_winners() {
+    int block = 0;
+    each_block([&](auto, int at) {
+      const size_t met = static_cast<size_t>(block) * stats_;
+      if constexpr (T::keyed)
+        join_keys(right_met_ + met, stats_, at / kLanes, vectors_, block == 0, right_best_, right_index_);
+      else
+        join_costs(right_met_ + met, right_met_index_ + met, stats_, block == 0, right_best_, right_index_);
+      ++block;
+    });
+    drop_unmet(right_best_, stats_, T::keyed ? worst_key() : nothing_met, right_index_);
+  }
+
+  // The least costs that a chunk keeps: its pixels' second best, their winners being struck out.
+  STEREOPSIS_NOINLINE void take_second(int begin) {
+    alignas(64) Scalar seconds[kChunk * kLanes];
+    constexpr int abreast = 8;  // as many minima as hide each other's latency
+    const size_t pitch = stride();
     for (int slot = 0; slot < kChunk; slot += abreast) {
-      const Scalar* STEREOPSIS_RESTRICT costs = costs_of(0) - before + slot * pitch;
+      const Scalar* STEREOPSIS_RESTRICT costs = costs_of(begin + slot);
       Vector m[abreast];
       unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA { m[k] = splat(T::worst); });
-      for (int i = 0; i < count; i += kLanes)
+      for (int i = 0; i < padded_; i += kLanes)
         unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
-          m[k] = Simd::min(m[k], Simd::load(costs + k.value * pitch + i));
+          m[k] = Simd::min(Simd::load(costs + k.value * pitch + i), m[k]);
         });
       unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
-        Simd::store(best_ + (slot + k.value) * kLanes, m[k]);
+        Simd::store(seconds + (slot + k.value) * kLanes, m[k]);
       });
     }
-    Scalar least[kChunk];
-    Simd::row_minima(best_, kLanes, least);
-    for (int x = begin; x < end; ++x) second_[x] = least[x - begin];
+    Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return Simd::load(seconds + slot * kLanes); }, second_ + begin);
   }
 
   static void show_correlations(int count, float* STEREOPSIS_RESTRICT kept) {
     for (int x = 0; x < count; ++x) kept[x] = correlation_cost(kept[x]);
   }
 
-  void finish_row(const FusedOutput& out, int y) {
+  STEREOPSIS_NOINLINE void finish_row(const FusedOutput& out, int y) {
     if constexpr (T::keyed) {
       // A row at once: right after they were stored, one by one, their vectors would have to wait.
       for (Scalar* kept : {cost_, before_, after_}) show_correlations(p_.width, kept);
       if (s_.uniqueness) show_correlations(p_.width, second_);
     }
-    RowWinners<Scalar> row{winner_, cost_, before_, after_, second_, claims_, right_index_ + kChunk};
+    RowWinners<Scalar> row{winner_, cost_, before_, after_, second_, claims_, right_index_};
     finish(p_, s_, row, out, y);
   }
 
@@ -949,14 +1242,18 @@ class Narrow {
   float inverse_n_;
   int32_t sad_even_ = 0;
   float* volume_row_ = nullptr;
-  int32_t *sums_, *slide_, *best_index_, *index_;
-  Scalar *costs_, *best_, *right_best_;
-  int32_t *quad_[C], *weight_a_[C], *weight_b_[C];
+  int32_t *sums_, *slide_, *primed_, *best_index_, *index_, *put_, *place_, *lane_bits_;
+  Rights right_;
+  Scalar *costs_, *best_, *passing_, *volume_costs_;
+  Met *met_, *right_met_, *right_best_;
+  int32_t *passing_index_, *met_index_, *right_met_index_;
+  int blocks_ = 0;
+  int32_t *weight_a_[C], *weight_b_[C];
   int32_t *left_column_[C], *left_square_[C], *right_column_[C], *right_square_[C];
-  int32_t *left_mean_[C], *left_rest_[C], *right_split_[C], *right_mean_[C];
-  float *left_high_[C], *left_low_[C], *right_sum_[C];
-  float *left_scale_, *right_scale_, *norm_;
-  int32_t *left_offset_, *right_offset_, *edge_, *edge_square_, *sum_, *square_, *mean_, *rest_, *about_;
+  int32_t *left_mean_[C], *left_rest_[C];
+  float *left_high_[C], *left_low_[C];
+  float *left_scale_, *norm_;
+  int32_t *left_offset_, *edge_, *edge_square_, *sum_, *square_, *mean_, *rest_, *about_;
   uint8_t *padded_new_, *padded_old_, *mirrored_new_, *mirrored_old_, *plane_;
   int32_t *right_index_, *winner_, *claims_;
   Scalar *cost_, *before_, *after_, *second_;

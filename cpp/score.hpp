@@ -96,7 +96,7 @@ constexpr int32_t kCentre = 128;  // taken from the left image's bytes, so that 
 // significant bits. The others say, in the streaming kernel, where the candidate stands.
 constexpr float kCorrelationBase = 1.5f;
 constexpr uint32_t kSpareBits = 15;
-constexpr float kWorstKept = 3e38f;  // costs more than any correlation, whatever its spare bits
+constexpr float kWorstKept = 4096.0f;  // costs more than any correlation; its spare bits are 0
 inline float coarse(float v) {
   uint32_t bits;
   std::memcpy(&bits, &v, sizeof bits);

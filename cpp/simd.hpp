@@ -59,6 +59,7 @@ static STEREOPSIS_INLINE void unrolled(const Body& body) {
 struct Simd {
   static constexpr int lanes = 16;
   static constexpr int block = 8;  // vectors of disparities held in registers at once
+  static constexpr int pixels = 2;  // and pixels whose costs are formed at once
   using I = __m512i;
   using F = __m512;
   using D = __m512d;
@@ -68,6 +69,11 @@ struct Simd {
   static STEREOPSIS_INLINE F load(const float* p) { return _mm512_loadu_ps(p); }
   static STEREOPSIS_INLINE void store(int32_t* p, I v) { _mm512_storeu_si512(p, v); }
   static STEREOPSIS_INLINE void store(float* p, F v) { _mm512_storeu_ps(p, v); }
+  // The last lane, where `store` has it; of those before some or none.
+  static STEREOPSIS_INLINE void store_last(int32_t* p, I v) {
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(p + 12), _mm512_extracti32x4_epi32(v, 3));
+  }
+  static STEREOPSIS_INLINE void store_last(float* p, F v) { _mm_storeu_ps(p + 12, _mm512_extractf32x4_ps(v, 3)); }
   static STEREOPSIS_INLINE void store(int32_t* p, M m, I v) { _mm512_mask_storeu_epi32(p, m, v); }
   static STEREOPSIS_INLINE void store(float* p, M m, F v) { _mm512_mask_storeu_ps(p, m, v); }
   static STEREOPSIS_INLINE I set(int32_t v) { return _mm512_set1_epi32(v); }
@@ -77,11 +83,12 @@ struct Simd {
   static STEREOPSIS_INLINE F add(F a, F b) { return _mm512_add_ps(a, b); }
   static STEREOPSIS_INLINE F sub(F a, F b) { return _mm512_sub_ps(a, b); }
   static STEREOPSIS_INLINE F mul(F a, F b) { return _mm512_mul_ps(a, b); }
+  static STEREOPSIS_INLINE F gather(const float* p, I index) { return _mm512_i32gather_ps(index, p, 4); }
   static STEREOPSIS_INLINE F fused(F a, F b, F c) { return _mm512_fmadd_ps(a, b, c); }
   static STEREOPSIS_INLINE F to_float(I a) { return _mm512_cvtepi32_ps(a); }
   static STEREOPSIS_INLINE I bits(F a) { return _mm512_castps_si512(a); }
   // Keeps a compiler from loading twice what is used twice: a load that crosses a cache line costs as much as two sums.
-  static STEREOPSIS_INLINE F once(F a) {
+  static STEREOPSIS_INLINE I once(I a) {
 #if defined(__GNUC__)
     __asm__("" : "+v"(a));
 #endif
@@ -91,6 +98,7 @@ struct Simd {
   static STEREOPSIS_INLINE F mark(F a, I keep, I put) {
     return _mm512_castsi512_ps(_mm512_ternarylogic_epi32(_mm512_castps_si512(a), keep, put, 0xEA));
   }
+  static STEREOPSIS_INLINE I mark(I a, I keep, I put) { return _mm512_ternarylogic_epi32(a, keep, put, 0xEA); }
   static STEREOPSIS_INLINE F mask(F a, I keep) {
     return _mm512_castsi512_ps(_mm512_and_si512(_mm512_castps_si512(a), keep));
   }
@@ -108,6 +116,11 @@ struct Simd {
   static STEREOPSIS_INLINE int first_equal(F a, float v) {
     return __builtin_ctz(_mm512_cmp_ps_mask(a, set(v), _CMP_EQ_OQ));
   }
+  // a's lanes one further on, `first` before them
+  static STEREOPSIS_INLINE I shift_in(int32_t first, I a) { return _mm512_alignr_epi32(a, set(first), 15); }
+  static STEREOPSIS_INLINE F shift_in(float first, F a) {
+    return _mm512_castsi512_ps(_mm512_alignr_epi32(_mm512_castps_si512(a), _mm512_castps_si512(set(first)), 15));
+  }
   static STEREOPSIS_INLINE M less(F a, F b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
   static STEREOPSIS_INLINE M less(I a, I b) { return _mm512_cmplt_epi32_mask(a, b); }
   static STEREOPSIS_INLINE M inside(I i, int lo, int hi) {
@@ -116,29 +129,36 @@ struct Simd {
   static STEREOPSIS_INLINE M both(M a, M b) { return static_cast<M>(a & b); }
   static STEREOPSIS_INLINE F select(M m, F yes, F no) { return _mm512_mask_mov_ps(no, m, yes); }
   static STEREOPSIS_INLINE I select(M m, I yes, I no) { return _mm512_mask_mov_epi32(no, m, yes); }
-  static STEREOPSIS_INLINE F min(F a, F b) { return _mm512_min_ps(a, b); }
+  static STEREOPSIS_INLINE F min(F a, F b) { return _mm512_min_ps(a, b); }  // b where a is not a number
   static STEREOPSIS_INLINE I min(I a, I b) { return _mm512_min_epi32(a, b); }
-  // The minima of 16 vectors that lie `pitch` apart: pairs are folded into one vector, halving what is left each time.
-  static STEREOPSIS_INLINE void row_minima(const float* rows, size_t pitch, float* minima) {
-    F a[16];
+  // The minima of 16 vectors, row(0) to row(15): pairs are folded into one vector, halving what is left each time.
+  template <class Row, class T>
+  static STEREOPSIS_INLINE void row_minima(const Row& row, T* minima) {
+    decltype(row(0)) a[16];
     const auto fold = [&](auto r, auto apart) STEREOPSIS_INLINE_LAMBDA {
-      a[r] = min(_mm512_unpacklo_ps(a[r], a[r + apart]), _mm512_unpackhi_ps(a[r], a[r + apart]));
+      a[r] = min(low_pairs(a[r], a[r + apart]), high_pairs(a[r], a[r + apart]));
     };
     const auto join = [&](auto r, auto apart) STEREOPSIS_INLINE_LAMBDA {
-      a[r] = min(_mm512_shuffle_f32x4(a[r], a[r + apart], 0x88), _mm512_shuffle_f32x4(a[r], a[r + apart], 0xDD));
+      a[r] = min(even_quarters(a[r], a[r + apart]), odd_quarters(a[r], a[r + apart]));
     };
-    unrolled<16>([&](auto r) STEREOPSIS_INLINE_LAMBDA { a[r] = load(rows + r * pitch); });
+    unrolled<16>([&](auto r) STEREOPSIS_INLINE_LAMBDA { a[r] = row(r); });
     unrolled<8>([&](auto r) STEREOPSIS_INLINE_LAMBDA { fold(r, Constant<8>{}); });
     unrolled<4>([&](auto r) STEREOPSIS_INLINE_LAMBDA { fold(r, Constant<4>{}); });
     // Each 128-bit part now holds four rows: r, r + 8, r + 4, r + 12 are lanes 0, 2, 1, 3 of it.
     unrolled<2>([&](auto r) STEREOPSIS_INLINE_LAMBDA { join(r, Constant<2>{}); });
     join(Constant<0>{}, Constant<1>{});
-    const I order = _mm512_setr_epi32(0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15);
-    store(minima, _mm512_permutexvar_ps(order, a[0]));
+    store(minima, in_order(_mm512_setr_epi32(0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15), a[0]));
   }
-  static STEREOPSIS_INLINE void row_minima(const int32_t* rows, size_t pitch, int32_t* minima) {
-    for (int r = 0; r < 16; ++r) minima[r] = _mm512_reduce_min_epi32(load(rows + r * pitch));
-  }
+  static STEREOPSIS_INLINE F low_pairs(F a, F b) { return _mm512_unpacklo_ps(a, b); }
+  static STEREOPSIS_INLINE F high_pairs(F a, F b) { return _mm512_unpackhi_ps(a, b); }
+  static STEREOPSIS_INLINE F even_quarters(F a, F b) { return _mm512_shuffle_f32x4(a, b, 0x88); }
+  static STEREOPSIS_INLINE F odd_quarters(F a, F b) { return _mm512_shuffle_f32x4(a, b, 0xDD); }
+  static STEREOPSIS_INLINE F in_order(I order, F a) { return _mm512_permutexvar_ps(order, a); }
+  static STEREOPSIS_INLINE I low_pairs(I a, I b) { return _mm512_unpacklo_epi32(a, b); }
+  static STEREOPSIS_INLINE I high_pairs(I a, I b) { return _mm512_unpackhi_epi32(a, b); }
+  static STEREOPSIS_INLINE I even_quarters(I a, I b) { return _mm512_shuffle_i32x4(a, b, 0x88); }
+  static STEREOPSIS_INLINE I odd_quarters(I a, I b) { return _mm512_shuffle_i32x4(a, b, 0xDD); }
+  static STEREOPSIS_INLINE I in_order(I order, I a) { return _mm512_permutexvar_epi32(order, a); }
   static STEREOPSIS_INLINE float reduce_min(F a) { return _mm512_reduce_min_ps(a); }
   static STEREOPSIS_INLINE int32_t reduce_min(I a) { return _mm512_reduce_min_epi32(a); }
   static STEREOPSIS_INLINE M equal(F a, F b) { return _mm512_cmp_ps_mask(a, b, _CMP_EQ_OQ); }
@@ -171,6 +191,7 @@ struct Simd {
   }
   // sum + a b where both the product and the result are exact
   static STEREOPSIS_INLINE D add_product(D sum, D a, D b) { return _mm512_fmadd_pd(a, b, sum); }
+  static STEREOPSIS_INLINE I times_16(I a) { return _mm512_slli_epi32(a, 4); }
   static STEREOPSIS_INLINE I times_256(I a) { return _mm512_slli_epi32(a, 8); }
   // On pairs of int16, products and differences that fit them.
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm512_mullo_epi16(a, b); }
@@ -201,7 +222,8 @@ struct Simd {
 
 struct Simd {
   static constexpr int lanes = 8;
-  static constexpr int block = 4;
+  static constexpr int block = 8;
+  static constexpr int pixels = 1;
   using I = __m256i;
   using F = __m256;
   using D = __m256d;
@@ -213,6 +235,10 @@ struct Simd {
   static STEREOPSIS_INLINE F load(const float* p) { return _mm256_loadu_ps(p); }
   static STEREOPSIS_INLINE void store(int32_t* p, I v) { _mm256_storeu_si256(reinterpret_cast<I*>(p), v); }
   static STEREOPSIS_INLINE void store(float* p, F v) { _mm256_storeu_ps(p, v); }
+  static STEREOPSIS_INLINE void store_last(int32_t* p, I v) {
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(p + 4), _mm256_extracti128_si256(v, 1));
+  }
+  static STEREOPSIS_INLINE void store_last(float* p, F v) { _mm_storeu_ps(p + 4, _mm256_extractf128_ps(v, 1)); }
   static STEREOPSIS_INLINE void store(int32_t* p, M m, I v) { store(p, select(m, v, load(p))); }
   static STEREOPSIS_INLINE void store(float* p, M m, F v) { store(p, select(m, v, load(p))); }
   static STEREOPSIS_INLINE I set(int32_t v) { return _mm256_set1_epi32(v); }
@@ -222,10 +248,11 @@ struct Simd {
   static STEREOPSIS_INLINE F add(F a, F b) { return _mm256_add_ps(a, b); }
   static STEREOPSIS_INLINE F sub(F a, F b) { return _mm256_sub_ps(a, b); }
   static STEREOPSIS_INLINE F mul(F a, F b) { return _mm256_mul_ps(a, b); }
+  static STEREOPSIS_INLINE F gather(const float* p, I index) { return _mm256_i32gather_ps(p, index, 4); }
   static STEREOPSIS_INLINE F fused(F a, F b, F c) { return _mm256_fmadd_ps(a, b, c); }
   static STEREOPSIS_INLINE F to_float(I a) { return _mm256_cvtepi32_ps(a); }
   static STEREOPSIS_INLINE I bits(F a) { return _mm256_castps_si256(a); }
-  static STEREOPSIS_INLINE F once(F a) {
+  static STEREOPSIS_INLINE I once(I a) {
 #if defined(__GNUC__)
     __asm__("" : "+x"(a));
 #endif
@@ -234,6 +261,7 @@ struct Simd {
   static STEREOPSIS_INLINE F mark(F a, I keep, I put) {
     return _mm256_or_ps(_mm256_and_ps(a, _mm256_castsi256_ps(keep)), _mm256_castsi256_ps(put));
   }
+  static STEREOPSIS_INLINE I mark(I a, I keep, I put) { return _mm256_or_si256(_mm256_and_si256(a, keep), put); }
   static STEREOPSIS_INLINE F mask(F a, I keep) { return _mm256_and_ps(a, _mm256_castsi256_ps(keep)); }
   static STEREOPSIS_INLINE I mask(I a, int32_t keep) { return _mm256_and_si256(a, set(keep)); }
   static STEREOPSIS_INLINE I running_sum(I a) {
@@ -245,6 +273,12 @@ struct Simd {
   static STEREOPSIS_INLINE I last(I a) { return _mm256_permutevar8x32_epi32(a, set(7)); }
   static STEREOPSIS_INLINE int first_equal(F a, float v) {
     return __builtin_ctz(_mm256_movemask_ps(_mm256_cmp_ps(a, set(v), _CMP_EQ_OQ)));
+  }
+  static STEREOPSIS_INLINE I shift_in(int32_t first, I a) {
+    return _mm256_blend_epi32(_mm256_permutevar8x32_epi32(a, _mm256_setr_epi32(7, 0, 1, 2, 3, 4, 5, 6)), set(first), 1);
+  }
+  static STEREOPSIS_INLINE F shift_in(float first, F a) {
+    return _mm256_blend_ps(_mm256_permutevar8x32_ps(a, _mm256_setr_epi32(7, 0, 1, 2, 3, 4, 5, 6)), set(first), 1);
   }
   static STEREOPSIS_INLINE M less(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_LT_OQ))}; }
   static STEREOPSIS_INLINE M less(I a, I b) { return {_mm256_cmpgt_epi32(b, a)}; }
@@ -266,9 +300,9 @@ struct Simd {
     m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4E));
     return _mm_cvtsi128_si32(_mm_min_epi32(m, _mm_shuffle_epi32(m, 0xB1)));
   }
-  template <class T>
-  static STEREOPSIS_INLINE void row_minima(const T* rows, size_t pitch, T* minima) {
-    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(load(rows + r * pitch));
+  template <class Row, class T>
+  static STEREOPSIS_INLINE void row_minima(const Row& row, T* minima) {
+    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(row(r));
   }
   static STEREOPSIS_INLINE M equal(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_EQ_OQ))}; }
   static STEREOPSIS_INLINE M equal(I a, I b) { return {_mm256_cmpeq_epi32(a, b)}; }
@@ -287,6 +321,7 @@ struct Simd {
   static STEREOPSIS_INLINE void store(float* p, D v) { _mm_storeu_ps(p, _mm256_cvtpd_ps(v)); }
   static STEREOPSIS_INLINE F to_float(D lower, D upper) { return _mm256_set_m128(_mm256_cvtpd_ps(upper), _mm256_cvtpd_ps(lower)); }
   static STEREOPSIS_INLINE D add_product(D sum, D a, D b) { return _mm256_fmadd_pd(a, b, sum); }
+  static STEREOPSIS_INLINE I times_16(I a) { return _mm256_slli_epi32(a, 4); }
   static STEREOPSIS_INLINE I times_256(I a) { return _mm256_slli_epi32(a, 8); }
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm256_mullo_epi16(a, b); }
   static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm256_abs_epi16(_mm256_sub_epi16(a, b)); }
@@ -311,6 +346,7 @@ struct Simd {
 struct Simd {
   static constexpr int lanes = 8;
   static constexpr int block = 2;
+  static constexpr int pixels = 1;
   struct I {
     int32_t v[lanes];
   };
@@ -332,6 +368,8 @@ struct Simd {
   static STEREOPSIS_INLINE F load(const float* p) { STEREOPSIS_EACH(F, p[i]); }
   static STEREOPSIS_INLINE void store(int32_t* p, const I& v) { std::memcpy(p, v.v, sizeof v.v); }
   static STEREOPSIS_INLINE void store(float* p, const F& v) { std::memcpy(p, v.v, sizeof v.v); }
+  static STEREOPSIS_INLINE void store_last(int32_t* p, const I& v) { p[lanes - 1] = v.v[lanes - 1]; }
+  static STEREOPSIS_INLINE void store_last(float* p, const F& v) { p[lanes - 1] = v.v[lanes - 1]; }
   static STEREOPSIS_INLINE void store(int32_t* p, const M& m, const I& v) { store(p, select(m, v, load(p))); }
   static STEREOPSIS_INLINE void store(float* p, const M& m, const F& v) { store(p, select(m, v, load(p))); }
   static STEREOPSIS_INLINE I set(int32_t v) { STEREOPSIS_EACH(I, v); }
@@ -346,12 +384,13 @@ struct Simd {
   }
   static STEREOPSIS_INLINE F add(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] + b.v[i]); }
   static STEREOPSIS_INLINE F sub(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] - b.v[i]); }
+  static STEREOPSIS_INLINE F gather(const float* p, const I& index) { STEREOPSIS_EACH(F, p[index.v[i]]); }
   static STEREOPSIS_INLINE F mul(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] * b.v[i]); }
   static STEREOPSIS_INLINE F fused(const F& a, const F& b, const F& c) {
     STEREOPSIS_EACH(F, stereopsis::fused(a.v[i], b.v[i], c.v[i]));
   }
   static STEREOPSIS_INLINE F to_float(const I& a) { STEREOPSIS_EACH(F, static_cast<float>(a.v[i])); }
-  static STEREOPSIS_INLINE F once(const F& a) { return a; }
+  static STEREOPSIS_INLINE I once(const I& a) { return a; }
   static STEREOPSIS_INLINE I bits(const F& a) {
     I r;
     std::memcpy(r.v, a.v, sizeof r.v);
@@ -367,6 +406,7 @@ struct Simd {
   static STEREOPSIS_INLINE F mark(const F& a, const I& keep, const I& put) {
     STEREOPSIS_EACH(F, with_bits(a.v[i], keep.v[i], put.v[i]));
   }
+  static STEREOPSIS_INLINE I mark(const I& a, const I& keep, const I& put) { STEREOPSIS_EACH(I, (a.v[i] & keep.v[i]) | put.v[i]); }
   static STEREOPSIS_INLINE F mask(const F& a, const I& keep) { STEREOPSIS_EACH(F, with_bits(a.v[i], keep.v[i], 0)); }
   static STEREOPSIS_INLINE I mask(const I& a, int32_t keep) { STEREOPSIS_EACH(I, a.v[i] & keep); }
   static STEREOPSIS_INLINE I running_sum(I a) {
@@ -379,6 +419,8 @@ struct Simd {
     while (i + 1 < lanes && a.v[i] != v) ++i;
     return i;
   }
+  static STEREOPSIS_INLINE I shift_in(int32_t first, const I& a) { STEREOPSIS_EACH(I, i > 0 ? a.v[i - 1] : first); }
+  static STEREOPSIS_INLINE F shift_in(float first, const F& a) { STEREOPSIS_EACH(F, i > 0 ? a.v[i - 1] : first); }
   static STEREOPSIS_INLINE M less(const F& a, const F& b) { STEREOPSIS_EACH(M, -(a.v[i] < b.v[i])); }
   static STEREOPSIS_INLINE M less(const I& a, const I& b) { STEREOPSIS_EACH(M, -(a.v[i] < b.v[i])); }
   static STEREOPSIS_INLINE M inside(const I& a, int lo, int hi) {
@@ -391,7 +433,7 @@ struct Simd {
   static STEREOPSIS_INLINE I select(const M& m, const I& yes, const I& no) {
     STEREOPSIS_EACH(I, m.v[i] ? yes.v[i] : no.v[i]);
   }
-  static STEREOPSIS_INLINE F min(const F& a, const F& b) { STEREOPSIS_EACH(F, b.v[i] < a.v[i] ? b.v[i] : a.v[i]); }
+  static STEREOPSIS_INLINE F min(const F& a, const F& b) { STEREOPSIS_EACH(F, a.v[i] < b.v[i] ? a.v[i] : b.v[i]); }
   static STEREOPSIS_INLINE I min(const I& a, const I& b) { STEREOPSIS_EACH(I, b.v[i] < a.v[i] ? b.v[i] : a.v[i]); }
   template <class V>
   static STEREOPSIS_INLINE auto reduce_min(const V& a) {
@@ -399,9 +441,9 @@ struct Simd {
     for (int i = 1; i < lanes; ++i) m = a.v[i] < m ? a.v[i] : m;
     return m;
   }
-  template <class T>
-  static STEREOPSIS_INLINE void row_minima(const T* rows, size_t pitch, T* minima) {
-    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(load(rows + r * pitch));
+  template <class Row, class T>
+  static STEREOPSIS_INLINE void row_minima(const Row& row, T* minima) {
+    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(row(r));
   }
   static STEREOPSIS_INLINE M equal(const F& a, const F& b) { STEREOPSIS_EACH(M, -(a.v[i] == b.v[i])); }
   static STEREOPSIS_INLINE M equal(const I& a, const I& b) { STEREOPSIS_EACH(M, -(a.v[i] == b.v[i])); }
@@ -435,6 +477,7 @@ struct Simd {
     return r;
   }
   static STEREOPSIS_INLINE D add_product(const D& sum, const D& a, const D& b) { STEREOPSIS_EACH_DOUBLE(sum.v[i] + a.v[i] * b.v[i]); }
+  static STEREOPSIS_INLINE I times_16(const I& a) { STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a.v[i]) << 4)); }
   static STEREOPSIS_INLINE I times_256(const I& a) { STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a.v[i]) << 8)); }
 #undef STEREOPSIS_EACH_DOUBLE
   static STEREOPSIS_INLINE int32_t both16(int32_t lower, int32_t upper) {

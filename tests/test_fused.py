@@ -155,6 +155,13 @@ def test_ranges_that_reach_out_of_view(monkeypatch, cost, disparities):
 
 
 @every_cost
+@pytest.mark.parametrize("disparities", [(-150, -6), (-150, -7), (-72, 73), (6, 150), (-159, 130)])
+def test_right_pixels_that_meet_few_of_many_candidates(monkeypatch, cost, disparities):
+    left, right = images(13, (5, 160), levels=6)
+    on_every_set(monkeypatch, left, right, disparities=disparities, cost=cost(3), left_right=1, uniqueness=5)
+
+
+@every_cost
 @pytest.mark.parametrize("shape", [(1, 1), (1, 30), (30, 1), (1, 2), (2, 1), (1, 17, 3), (17, 1, 3)])
 def test_single_rows_and_columns(monkeypatch, cost, shape):
     left, right = images(13, shape)

@@ -515,6 +515,17 @@ void bind_move_rows(nb::module_& m) {
 }
 
 template <class T>
+void bind_sharpen(nb::module_& m) {
+  m.def("sharpen", [](const Array<const T, 3>& image, int amount, const Array<T, 3>& sharp, int threads) {
+    const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
+    require(C == 1 || C == 3, "one channel or three");
+    require(amount >= 0 && amount <= 256, "from 0 to 256");
+    require_shape(sharp, H, W, C);
+    run(threads, [&](const Workers& workers) { sharpen<T>(image.data(), H, W, C, amount, sharp.data(), workers); });
+  });
+}
+
+template <class T>
 void bind_texture(nb::module_& m) {
   m.def("texture",
         [](const Array<const T, 3>& image, int window_width, int window_height, const Array<float, 2>& mean, int threads) {
@@ -766,6 +777,8 @@ NB_MODULE(_core, m) {
 
   bind_move_rows<uint8_t>(m);
   bind_move_rows<int32_t>(m);
+  bind_sharpen<uint8_t>(m);
+  bind_sharpen<int32_t>(m);
 
   m.def("halve", [](const Array<const uint8_t, 2>& image, const Array<uint8_t, 2>& means, int threads,
                     const std::string& instructions) {

@@ -208,6 +208,10 @@ template <class T>
 void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
                const RowKernels& kernels, const Workers& workers);
 
+// Pixels further off the mean around them, 5 x 5 by binomial weights, by `amount` 64ths; bytes stay bytes.
+template <class T>
+void sharpen(const T* image, int height, int width, int channels, int amount, T* sharp, const Workers& workers);
+
 // 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
 void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
                     const FusedOutput& out, const Workers& workers);

@@ -162,6 +162,7 @@ class TestMatch:
         ),
         "channels": ("separate", "separate"),
         "vertical": ("0.5,0.25,0", [0.5, 0.25, 0.0]),
+        "sharpen": ("0.5", 0.5),
         "slant": ("road", "road"),
         "extra_windows": ("31,41x15", [[31, 31], [41, 15]]),
         "pyramid": ("2", 2),
@@ -197,6 +198,7 @@ class TestMatch:
         text, value = self.SETTINGS[field.name]
         # The default preset checks uniqueness, which more columns exclude.
         also = ("--set", "uniqueness=none") if field.name == "upsample" else ()
+        also = ("--set", "cost=census") if field.name == "sharpen" else also
         said = report(capsys, "match", "left.png", "right.png", "--set", f"{field.name}={text}", *also)
         assert said["settings"][field.name] == value
 

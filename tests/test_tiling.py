@@ -116,7 +116,7 @@ def in_tiles(left, right, chosen, side, band=900):
 def assert_same_bits(left, right, chosen, side, band=900):
     known, maps = in_tiles(left, right, chosen, side, band)
     whole = st.match(left, right, settings=chosen)
-    assert known.settings.changed(texture=chosen.texture) == whole.settings
+    assert known.settings.changed(texture=chosen.texture, sharpen=chosen.sharpen) == whole.settings
     for name, found in zip(("flags", "disparity", "confidence"), (maps[2], *maps[:2]), strict=True):
         wanted = getattr(whole, name)
         same = found.view(np.uint8) == wanted.view(np.uint8)
@@ -162,6 +162,7 @@ COSTS = some.one_of(
         "speckle": some.sampled_from([(1, 1.0), (6, 0.5), (25, 1.0)]),
         "fill": some.just("background"),
         "vertical": some.sampled_from([0.5, (-1.25, 0.0, 0.0)]),
+        "sharpen": some.sampled_from(["auto", 0.5]),
         "threads": some.sampled_from([1, 3]),
     }),
     seed=some.integers(0, 2**32 - 1),

@@ -1145,6 +1145,29 @@ void test_move_rows() {
   }
 }
 
+template <class T>
+void test_sharpen() {
+  Random random{26};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 9), W = random.between(1, 20), C = round % 2 ? 1 : 3, amount = random.between(0, 256);
+    std::vector<T> image(static_cast<size_t>(H) * W * C), sharp(image.size());
+    for (T& pixel : image) pixel = static_cast<T>(sizeof(T) == 1 ? random.below(256) : random.between(-(1 << 24), 1 << 24));
+    const auto at = [&](int y, int x, int c) -> int64_t { return image[(clamp(y, 0, H - 1) * W + clamp(x, 0, W - 1)) * C + c]; };
+    sharpen<T>(image.data(), H, W, C, amount, sharp.data(), {random.between(1, 4), [] { return false; }});
+    bool right = true;
+    for (int k = 0; k < H * W * C; ++k) {
+      const int y = k / C / W, x = k / C % W, weights[] = {1, 4, 6, 4, 1};
+      int64_t around = 0;
+      for (int v = 0; v < 5; ++v)
+        for (int u = 0; u < 5; ++u) around += weights[v] * weights[u] * at(y + v - 2, x + u - 2, k % C);
+      int64_t value = (64 * 256 * at(y, x, k % C) + amount * (256 * at(y, x, k % C) - around) + (1 << 13)) >> 14;
+      if (sizeof(T) == 1) value = std::min<int64_t>(255, std::max<int64_t>(0, value));
+      right = right && sharp[k] == value;
+    }
+    CHECK(right, text(H) + "x" + text(W) + " by " + text(amount));
+  }
+}
+
 void test_corners_and_tracks() {
   Random random{25};
   for (int round = 0; round < 60; ++round) {
@@ -2102,6 +2125,8 @@ int main() {
   timed("warp, words", test_warp<int32_t>);
   timed("moving rows, bytes", test_move_rows<uint8_t>);
   timed("moving rows, words", test_move_rows<int32_t>);
+  timed("sharpening, bytes", test_sharpen<uint8_t>);
+  timed("sharpening, words", test_sharpen<int32_t>);
   timed("corners and tracks", test_corners_and_tracks);
   timed("fitting rows", test_fit_rows);
   timed("merging", test_merging);

@@ -182,6 +182,7 @@ def match_sgm(
     shift: npt.NDArray[np.int16] | None = None,
     winning_cost: npt.NDArray[np.float32] | None = None,
     left_strings: npt.NDArray[np.uint64] | None = None,
+    guide: npt.NDArray[np.uint8] | None = None,
 ) -> Found:
     """Disparity, confidence and flags, (H, W) each, of semi-global matching with census costs.
 
@@ -206,6 +207,8 @@ def match_sgm(
         found, beside their flags, also those out of view.
     left_strings : ndarray of uint64, (P, H, W), optional
         The left image's census, where it is known.
+    guide : ndarray of uint8, (H, W), optional
+        What P2 is adapted to, if it is. None: the left image.
     """
     shape: tuple[int, ...] = pair.left.shape[:2]
     disparity, confidence = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -228,7 +231,7 @@ def match_sgm(
         sgm.most_units(cost.largest(), unit),
         min(settings.first_penalty(unit), sgm.LARGEST_SUM),
         settings.second_penalties(unit),
-        None if settings.contrast is None else guide_of(pair),
+        None if settings.contrast is None else guide_of(pair) if guide is None else guide,
         SUBPIXEL.index(subpixel),
         left_right,
         None if uniqueness is None else 1 + uniqueness / 100,

@@ -31,6 +31,7 @@ from stereopsis import (
     select,
     settings,
     sgm,
+    sharpen,
     sky,
     slant,
     smooth,
@@ -83,6 +84,7 @@ def match(
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
     vertical: str | float | tuple[float, float, float] | None = UNSET,
+    sharpen: float | str | None = UNSET,
     optimize: optimize.Optimizer | sgm.SGM | str | None = UNSET,
     slant: str | None = UNSET,
     extra_windows: tuple[Window, ...] = UNSET,
@@ -127,7 +129,7 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, vertical, slant, extra_windows, optimize, subpixel, refine_window, upsample
+    cost, channels, vertical, sharpen, slant, extra_windows, optimize, subpixel, refine_window, upsample
         As in `Settings`.
     left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
         As in `Settings`.
@@ -171,6 +173,7 @@ def match(
             ("cost", cost),
             ("channels", channels),
             ("vertical", vertical),
+            ("sharpen", sharpen),
             ("optimize", optimize),
             ("slant", slant),
             ("extra_windows", extra_windows),
@@ -266,6 +269,11 @@ def _match(
         with _timed(timings, "vertical"):
             right = rectify.undone(pixels.right, chosen.vertical, chosen.threads, frame)
             pixels = pixels._replace(right=right)
+    sharp, guide = pixels, None
+    if chosen.sharpen is not None:
+        with _timed(timings, "sharpen"):
+            sharp = _sharpened(pixels, chosen.sharpen, chosen.threads)
+            guide = _fused.guide_of(pixels)
     merged = chosen.slant is not None or bool(chosen.extra_windows)
     composed = not merged and not _streams(chosen, pixels)
 
@@ -279,12 +287,12 @@ def _match(
         if "right_disparity" in chosen.keep:
             stages["right_disparity"] = disparity.copy()
     elif chosen.pyramid is not None:
-        disparity, confidence, flags = _match_tiles(pixels, chosen, seen, timings)
+        disparity, confidence, flags = _match_tiles(sharp, chosen, seen, timings)
     elif composed:
-        disparity, confidence, flags = _compose(pixels, chosen, seen, timings, stages)
+        disparity, confidence, flags = _compose(sharp, chosen, seen, timings, stages, guide)
     elif isinstance(chosen.optimize, sgm.SGM):
         disparity, confidence, flags = _semi_global(
-            pixels, chosen, seen, chosen.optimize, timings, stages, frame
+            sharp, chosen, seen, chosen.optimize, timings, stages, frame, guide
         )
     elif merged:
         disparity, confidence, flags = _merge(pixels, chosen, seen, timings, stages, frame)
@@ -407,6 +415,15 @@ def _match(
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
 
 
+def _sharpened(pixels: cost.Pixels, how: float | str, threads: int) -> cost.Pixels:
+    """Both images; by as much as the left one needs, where `how` is "auto"."""
+    amount = sharpen.amount_for(sharpen.steps(pixels.left)) if isinstance(how, str) else how
+    if amount == 0:
+        return pixels
+    left, right = (sharpen.sharpened(image, amount, threads) for image in pixels[:2])
+    return pixels._replace(left=left, right=right)
+
+
 def _filled(
     how: str,
     disparity: DisparityMap,
@@ -494,10 +511,12 @@ def _semi_global(
     timings: dict[str, float],
     stages: dict[str, npt.NDArray[Any]],
     frame: Frame | None,
+    guide: npt.NDArray[np.uint8] | None = None,
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
     """Census to winner in one go; with slant once more along the ground, where smooth means on the ground.
 
-    Each pixel takes the answer of the smaller sum of path costs.
+    Each pixel takes the answer of the smaller sum of path costs. Where P2 is adapted to an image it is to
+    `guide`; None: to the left one of the pixels.
     """
     height, width = pixels.left.shape[:2]
     census = cast(pixelwise.Census, chosen.cost)
@@ -510,7 +529,14 @@ def _semi_global(
         sums = np.empty(view.left.shape[:2], np.float32)
         own = np.ascontiguousarray(strings[:, begin:])
         found = _fused.match_sgm(
-            census, view, candidates, solver, *checks, winning_cost=sums, left_strings=own
+            census,
+            view,
+            candidates,
+            solver,
+            *checks,
+            winning_cost=sums,
+            left_strings=own,
+            guide=None if guide is None else guide[begin:],
         )
         return found, sums
 
@@ -624,7 +650,7 @@ def _match_tiles(
     halo = max(w for w, _ in windows) // 2 + beyond, max(h for _, h in windows) // 2 + beyond
     plain = chosen.changed(
         **dict.fromkeys(
-            ("pyramid", "vertical", "texture", "reflection", "median", "speckle", "planar", "fill")
+            ("pyramid", "vertical", "sharpen", "texture", "reflection", "median", "speckle", "planar", "fill")
         ),
         **dict.fromkeys(("weighted_median", "edge_aware", "confidence", "least_confidence")),
         sky=False,
@@ -714,8 +740,12 @@ def _compose(
     seen: Disparities,
     timings: dict[str, float],
     stages: dict[str, npt.NDArray[Any]],
+    edges: npt.NDArray[np.uint8] | None = None,
 ) -> tuple[DisparityMap, npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    """Stage by stage, through a cost volume: what the streaming path is measured against."""
+    """Stage by stage, through a cost volume: what the streaming path is measured against.
+
+    Where P2 is adapted to an image it is to `edges`; None: to the left one of the pixels.
+    """
     kind, window, threads, solver = _kind(chosen), chosen.cost.size, chosen.threads, chosen.optimize
     sampling, (height, width) = _sampling(chosen), pixels.left.shape[:2]
     if isinstance(solver, optimize.SecondPass):
@@ -736,7 +766,9 @@ def _compose(
     beyond = None
     if isinstance(solver, sgm.SGM):
         with _timed(timings, "optimize"):
-            volume = _path_sums(volume, pixels, chosen, solver, perfect, unit)
+            if edges is None and solver.contrast is not None:
+                edges = _fused.guide_of(pixels)
+            volume = _path_sums(volume, pixels, chosen, solver, perfect, unit, edges)
             beyond = sgm.out_of_view(volume, seen.min, threads)
         solver, unit, perfect = None, 1.0, 0.0
 
@@ -798,6 +830,7 @@ def _path_sums(
     solver: sgm.SGM,
     perfect: float,
     unit: float,
+    guide: npt.NDArray[np.uint8] | None,
 ) -> npt.NDArray[np.uint16]:
     """The volume of semi-global matching."""
     largest = 2.0 if perfect else sgm.largest_in_view(volume, perfect, unit)
@@ -806,7 +839,6 @@ def _path_sums(
     step = solver.unit_for(largest, whole=volume.dtype.kind in "iu" and unit == 1)
     costs = sgm.quantised(volume, perfect, unit, step, largest)
     most = sgm.most_units(largest, step)
-    guide = None if solver.contrast is None else _fused.guide_of(pixels)
     return sgm.sums(costs, solver, step, most, guide, chosen.threads)
 
 

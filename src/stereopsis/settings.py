@@ -26,9 +26,10 @@ from stereopsis.optimize import (
     Smoothness,
     Swap,
 )
-from stereopsis.pixelwise import PIXEL_COSTS, WORST, Census, Pixelwise, cost_of, name_of
+from stereopsis.pixelwise import PIXEL_COSTS, WORST, Census, Pixelwise, Rank, cost_of, name_of
 from stereopsis.pixelwise import PixelCost as PixelCost
 from stereopsis.sgm import SGM
+from stereopsis.sharpen import LARGEST
 from stereopsis.supports import MAX_WINDOW, Gaussian, Support, Window, as_window, window_size
 from stereopsis.types import Disparities, Vertical
 
@@ -155,6 +156,9 @@ class Settings:
         Undo what the right image lies too low, before anything else: pixels that are known, over the whole
         image or as a `Vertical` (in the middle, gained from left to right, gained from top to bottom), or
         what is found in the images, "estimate". None: rows stay as they are.
+    sharpen : float, "auto" or None
+        Sharpen both images before they are compared, for a census or ranks: by how much of the difference
+        from the mean around, up to 4. "auto": as the left image is blurred. None: as they are.
     optimize : SecondPass, ICM, BeliefPropagation, TRWS, Expansion, Swap, SGM or None
         How neighbours' labels are made to agree, with its smoothness or penalties. None: the plain winners.
     slant : {"road", "planes"} or None
@@ -246,6 +250,7 @@ class Settings:
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
     vertical: Vertical | Literal["estimate"] | None = None
+    sharpen: float | Literal["auto"] | None = None
     optimize: Optimizer | SGM | None = None
     slant: Literal["road", "planes"] | None = None
     extra_windows: tuple[tuple[int, int], ...] = ()
@@ -542,6 +547,12 @@ def _checked(name: str, value: Any) -> Any:
             if not all(abs(part) <= MAX_VERTICAL for part in parts):
                 raise refuse(f"at most {MAX_VERTICAL} pixels")
             return Vertical(*map(float, parts))
+        case "sharpen":
+            if value is None or value == "auto":
+                return value
+            if not (is_number(value) and 0 <= value <= LARGEST):
+                raise refuse(f'a number from 0 to {LARGEST:g}, "auto", or None')
+            return float(value)
         case "slant":
             if value is not None and value not in SLANTS:
                 raise refuse(f"one of {', '.join(SLANTS)}, or None")
@@ -704,6 +715,8 @@ def _check_paths(settings: Settings) -> None:
                 f"cost must sum to at most {WORST - 1} over three channels, which 16 bits hold, not "
                 f"{settings.cost!r}: its box must be smaller, or channels grey"
             )
+    if settings.sharpen is not None and not isinstance(settings.cost, Census | Rank):
+        raise ValueError(f"sharpen goes with cost=Census or Rank, not {type(settings.cost).__name__}")
     if semi_global and settings.cost.support is None:
         channels = 3 if settings.channels == "separate" else 1
         if isinstance(settings.cost, Pixelwise):
@@ -798,7 +811,7 @@ def _from_text(name: str, text: str) -> Any:
             return tuple(part.strip() for part in text.split(",") if part.strip())
         case "speckle" | "weighted_median" | "edge_aware":
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
-        case "texture" if text == "auto":
+        case "texture" | "sharpen" if text == "auto":
             return text
         case "sky" | "outlines" | "optimize_more_global":
             if text.lower() not in ("on", "true"):
@@ -844,6 +857,7 @@ _BALANCED = Settings(
     # Half as many comparisons as a dense census, and half as much work.
     cost=Census(window=(9, 7), pattern="symmetric", aggregation=3),
     vertical="estimate",
+    sharpen="auto",
     optimize=SGM(paths=4, p1=72, p2=560, p2_min=260, contrast=20, unit=4),
     slant="road",
     left_right=1.0,

@@ -86,6 +86,8 @@ def needed(settings: Settings, dtype: np.dtype[Any], channels: int) -> float:
     held = raw + pixels
     if isinstance(settings.vertical, Vertical) and any(settings.vertical):
         held += kept * wide
+    if settings.sharpen is not None:
+        held += 2 * kept * wide + 1
     after = held + OUT
     return max(
         raw + pixels + SCATTERED * (24 * channels if dtype == np.float32 else 0),

@@ -16,6 +16,7 @@ from stereopsis import (
     refine,
     select,
     sgm,
+    sharpen,
     slant,
     smooth,
     upsample,
@@ -57,6 +58,8 @@ def halo(settings: Settings) -> Halo:
         found = found.beside(validate.texture_halo(settings.cost.size))
     if settings.subpixel in ("symmetric", "correlation", "lucas-kanade", "lucas-kanade-affine"):
         found = found.beside(_refinement(settings))
+    if settings.sharpen is not None:
+        found = found.then(sharpen.HALO)
     if isinstance(settings.vertical, Vertical) and any(settings.vertical):
         found = found.then(rectify.halo(settings.vertical))
     if settings.median is not None:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import cost, noise, pipeline, pixelwise, rectify, sgm, slant, validate
+from stereopsis import cost, noise, pipeline, pixelwise, rectify, sgm, sharpen, slant, validate
 from stereopsis.io.parts import Source
 from stereopsis.settings import Settings, WindowCost
 from stereopsis.tiling import reach
@@ -70,6 +70,9 @@ def survey(
     if chosen.vertical == "estimate":
         told("rows")
         chosen = chosen.changed(vertical=_vertical(whole, cast(Disparities, chosen.disparities)))
+    if chosen.sharpen == "auto":
+        told("blur")
+        chosen = chosen.changed(sharpen=_sharpen(whole))
     if chosen.texture == "auto":
         told("noise")
         chosen = chosen.changed(texture=_texture(whole))
@@ -145,6 +148,14 @@ def _shrunk(whole: _Pair, factor: int) -> Pair:
             into.append(pipeline.shrunk(image.read(part), factor))
     left, right = (np.concatenate(rows) for rows in parts)
     return Pair(left, right)
+
+
+def _sharpen(whole: _Pair) -> float:
+    """The amount of sharpen="auto"."""
+    sums = np.zeros(2)
+    for _, part in whole.bands(beyond=2):
+        sums += sharpen.steps(whole.pixels(part).left)
+    return sharpen.amount_for(sums)
 
 
 def _texture(whole: _Pair) -> float:

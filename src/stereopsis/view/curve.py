@@ -57,6 +57,8 @@ def _plain(chosen: Settings) -> tuple[Settings, str | None]:
         notes.append("before smoothing: neighbours decide too")
     if chosen.slant is not None or chosen.extra_windows:
         notes.append("of the upright window alone: others compete with it")
+    if chosen.sharpen is not None:
+        notes.append("of the images as they are, not sharpened")
     if chosen.upsample is not None:
         notes.append("of the images as they are, not widened")
     if isinstance(chosen.cost, pixelwise.Pixelwise) and pixelwise.needs_information(chosen.cost):

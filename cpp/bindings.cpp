@@ -61,17 +61,21 @@ class Unlocked {
   Unlocked(const Unlocked&) = delete;
   Unlocked& operator=(const Unlocked&) = delete;
 
-  // Whether a signal has reached Python, which tells the thread alone that has called.
+  // Whether a signal has reached Python, which tells the thread alone that has called; looks twenty times a second, however
+  // many pieces the work is in.
   bool interrupted() {
-    if (std::this_thread::get_id() != thread_) return false;
+    if (std::this_thread::get_id() != thread_ || Clock::now() < next_) return false;
     enter_python([&] { PyEval_RestoreThread(state_); });
     const bool found = PyErr_CheckSignals() != 0;
     state_ = PyEval_SaveThread();
+    next_ = Clock::now() + kPatience;
     return found;
   }
 
  private:
+  using Clock = std::chrono::steady_clock;
   const std::thread::id thread_ = std::this_thread::get_id();
+  Clock::time_point next_ = Clock::now() + kPatience;
   PyThreadState* state_;
 };
 

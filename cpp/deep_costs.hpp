@@ -1,4 +1,4 @@
-// What the kernel for 16-bit and float images of one channel, deep_isa.cpp, sums for each cost and makes of the sums.
+// What the kernel for 16-bit and float images, deep_isa.cpp, sums for each cost and makes of the sums.
 //
 // Pixels are counted from the middle of the images' range, which changes nothing in what WideCost asks for but for NCC. All sums are
 // exact; what follows gives the bits of WideCost.
@@ -101,7 +101,7 @@ static STEREOPSIS_INLINE F to_floats(Doubles v) { return Simd::to_float(v.lower,
 
 // ---- what is summed over the window ----------------------------------------------------------------------------------------
 
-// Rows about to enter and to leave the window: left ones of `columns` with their edge pixels repeated, right ones mirrored, of
+// Rows of a channel about to enter and to leave the window: left ones of `columns` with their edge pixels repeated, right ones mirrored, of
 // `reach` and another window's width.
 struct DeepRows {
   const int32_t *left_in, *left_out, *right_in, *right_out;
@@ -110,7 +110,7 @@ struct DeepRows {
   int32_t older(const int32_t* left, int k, int32_t none = 0) const { return k < window ? none : left[k - window]; }
 };
 
-// Minus the products where `words_fit`: of two 16-bit numbers at a time, of the column that enters and of the one that leaves.
+// Minus the products where `deep_words_fit`: of two 16-bit numbers at a time, of the column that enters and of the one that leaves.
 struct WordProducts {
   using Number = int32_t;
   int32_t *in, *out, *weight_in, *weight_out;
@@ -145,7 +145,7 @@ struct WordProducts {
   }
 };
 
-// Minus the products where `doubles_fit`: doubles are exact, whether products are rounded before they are added or not.
+// Minus the products where `deep_doubles_fit`: doubles are exact, whether products are rounded before they are added or not.
 struct DoubleProducts {
   using Number = double;
   using Vector = Numbers<double>;
@@ -230,10 +230,11 @@ struct Lesser {
 
 // ---- window statistics, of whole numbers in doubles ----------------------------------------------------------------------
 
-// A row of windows' sums and squares, of the left and of the right image.
+// A row of windows' sums and squares, of the left and of the right image, channel by channel.
+template <int C>
 struct DeepWindows {
-  const double* sums[2];
-  const double* squares[2];
+  const double* sums[2][C];
+  const double* squares[2][C];
   int width;
   // What is kept of right window x lies at [last - x], for the x from `begin` to `end` that some candidate meets: so that the window
   // of candidate i of pixel x lies at [width - 1 - x + i].
@@ -241,6 +242,11 @@ struct DeepWindows {
   template <class Keep>
   STEREOPSIS_INLINE void mirror(const Keep& keep) const {
     for (int x = begin; x < end; ++x) keep(x, last - x);
+  }
+  static STEREOPSIS_INLINE double total(const double* const* channels, int x) {
+    double sum = channels[0][x];
+    for (int c = 1; c < C; ++c) sum += channels[c][x];
+    return sum;
   }
 };
 
@@ -252,9 +258,10 @@ struct Means {
     for (int side = 0; side < 2; ++side)
       for (double** row : {mean + side, rest + side, about + side}) *row = arena.take<double>(width);
   }
-  void describe(const DeepWindows& windows, double n) const {
+  template <int C>
+  void describe(const DeepWindows<C>& windows, int c, double n) const {
     for (int side = 0; side < 2; ++side)
-      describe(windows.sums[side], windows.squares[side], windows.width, n, mean[side], rest[side], about[side]);
+      describe(windows.sums[side][c], windows.squares[side][c], windows.width, n, mean[side], rest[side], about[side]);
   }
 
  private:
@@ -272,7 +279,7 @@ struct Means {
   }
 };
 
-// From minus a sum of products that about both windows' whole means.
+// From minus a sum of products that about both windows' whole means; what it adds of one channel.
 template <class Sums>
 struct AboutMeans;
 
@@ -319,125 +326,176 @@ struct AboutMeans<DoubleProducts> {
 
 // ---- costs -----------------------------------------------------------------------------------------------------------------
 //
-// Each has the number that its costs are, what is kept with every one added (`base`), what it keeps of a row's windows, and the
-// value of a vector of candidates of pixel x, the first of which meets the right window at [j].
+// Of C channels. Each has the number that its costs are, what is kept with every one added (`base`), what it keeps of a row's
+// windows, and the value of a vector of candidates of pixel x, the first of which meets the right window at [j].
 
-template <class Of>
+// What ZNCC and ZSSD share: the products about whole means.
+template <class Sums, int C>
+struct Centred {
+  double n;
+  Means means[C];
+  AboutMeans<Sums> about[C];
+  const double* sums[C] = {};  // of left windows
+
+  void take(Arena& arena, const FusedSettings& settings, int width, int stats) {
+    n = static_cast<double>(settings.window.area());
+    for (int c = 0; c < C; ++c) {
+      means[c].take(arena, width);
+      about[c].take(arena, stats);
+    }
+  }
+  void describe(const DeepWindows<C>& windows) {
+    for (int c = 0; c < C; ++c) {
+      const Means& found = means[c];
+      found.describe(windows, c, n);
+      sums[c] = windows.sums[0][c];
+      windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { about[c].keep(j, found.mean[1][x], found.rest[1][x]); });
+    }
+  }
+  struct Left {
+    typename AboutMeans<Sums>::Left of[C];
+  };
+  STEREOPSIS_INLINE Left left(int x) const {
+    Left left;
+    for (int c = 0; c < C; ++c) left.of[c] = AboutMeans<Sums>::left(sums[c][x], means[c].mean[0][x]);
+    return left;
+  }
+  template <class Sum>
+  STEREOPSIS_INLINE Sum products(Sum sum, const Left& left, int j) const {
+    for (int c = 0; c < C; ++c) sum = about[c].of(sum, left.of[c], j);
+    return sum;
+  }
+};
+
+template <class Of, int C>
 struct ZnccCost {
   using Sums = Of;
   using Number = float;
+  static constexpr int channels = C;
   static constexpr float base = kWideBase;
 
   void take(Arena& arena, const FusedSettings& settings, int width, int stats) {
-    n_ = static_cast<double>(settings.window.area());
-    means_.take(arena, width);
-    about_.take(arena, stats);
-    for (float** row : {left_, left_ + 1}) *row = arena.take<float>(width);
-    for (float** row : {right_, right_ + 1}) *row = arena.take<float>(stats);
-    scale_ = arena.take<float>(width);
+    centred_.take(arena, settings, width, stats);
+    for (int c = 0; c < C; ++c) {
+      left_rest_[c] = arena.take<float>(width);
+      right_rest_[c] = arena.take<float>(stats);
+    }
+    for (float** row : {&left_scale_, &scale_}) *row = arena.take<float>(width);
+    right_scale_ = arena.take<float>(stats);
   }
-  void describe(const DeepWindows& windows) {
-    means_.describe(windows, n_);
-    const float inverse = 1.0f / static_cast<float>(n_);
-    scale(0, windows.width, left_[1]);
+  void describe(const DeepWindows<C>& windows) {
+    centred_.describe(windows);
+    const float inverse = 1.0f / static_cast<float>(centred_.n);
+    for (int c = 0; c < C; ++c) {
+      const auto& rest = centred_.means[c].rest;
+      for (int x = 0; x < windows.width; ++x) left_rest_[c][x] = static_cast<float>(rest[0][x]) * inverse;
+      windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_rest_[c][j] = static_cast<float>(rest[1][x]); });
+    }
+    scale(0, windows.width, left_scale_);
     scale(1, windows.width, scale_);
-    for (int x = 0; x < windows.width; ++x) left_[0][x] = static_cast<float>(means_.rest[0][x]) * inverse;
-    sums_ = windows.sums[0];
-    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA {
-      about_.keep(j, means_.mean[1][x], means_.rest[1][x]);
-      right_[0][j] = static_cast<float>(means_.rest[1][x]);
-      right_[1][j] = scale_[x];
-    });
+    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_scale_[j] = scale_[x]; });
   }
 
   struct Left {
-    typename AboutMeans<Sums>::Left about;
-    F rest, scale;
+    typename Centred<Sums, C>::Left centred;
+    F rest[C], scale;
   };
   STEREOPSIS_INLINE Left left(int x) const {
-    return {AboutMeans<Sums>::left(sums_[x], means_.mean[0][x]), Simd::set(left_[0][x]), Simd::set(left_[1][x])};
+    Left left;
+    left.centred = centred_.left(x);
+    for (int c = 0; c < C; ++c) left.rest[c] = Simd::set(left_rest_[c][x]);
+    left.scale = Simd::set(left_scale_[x]);
+    return left;
   }
   template <class Sum>
   STEREOPSIS_INLINE F value(Sum sum, const Left& left, int j) const {
-    const F covariance = Simd::fused(left.rest, Simd::load(right_[0] + j), to_floats(about_.of(sum, left.about, j)));
-    return Simd::fused(Simd::mul(covariance, left.scale), Simd::load(right_[1] + j), Simd::set(base));
+    F covariance = to_floats(centred_.products(sum, left.centred, j));
+    for (int c = 0; c < C; ++c) covariance = Simd::fused(left.rest[c], Simd::load(right_rest_[c] + j), covariance);
+    return Simd::fused(Simd::mul(covariance, left.scale), Simd::load(right_scale_ + j), Simd::set(base));
   }
 
  private:
   void scale(int side, int width, float* STEREOPSIS_RESTRICT scales) const {
-    const double *STEREOPSIS_RESTRICT rest = means_.rest[side], *STEREOPSIS_RESTRICT about = means_.about[side];
-    const double inverse = 1.0 / n_;
-    for (int x = 0; x < width; ++x) scales[x] = inverse_norm(about[x] - rest[x] * rest[x] * inverse);
+    const double inverse = 1.0 / centred_.n;
+    const double *STEREOPSIS_RESTRICT rest[C], *STEREOPSIS_RESTRICT about[C];
+    for (int c = 0; c < C; ++c) {
+      rest[c] = centred_.means[c].rest[side];
+      about[c] = centred_.means[c].about[side];
+    }
+    for (int x = 0; x < width; ++x) {
+      double norm = 0;
+      for (int c = 0; c < C; ++c) norm += about[c][x] - rest[c][x] * rest[c][x] * inverse;
+      scales[x] = inverse_norm(norm);
+    }
   }
 
-  double n_;
-  Means means_;
-  AboutMeans<Sums> about_;
-  const double* sums_ = nullptr;  // of left windows
-  float *left_[2], *right_[2], *scale_;  // rest and scale
+  Centred<Sums, C> centred_;
+  float *left_rest_[C], *right_rest_[C], *left_scale_, *right_scale_, *scale_;
 };
 
-template <class Of>
+template <class Of, int C>
 struct NccCost {
   using Sums = Of;
   using Number = float;
   using Vector = Numbers<double>;
+  static constexpr int channels = C;
   static constexpr float base = 0;
 
   void take(Arena& arena, const FusedSettings& settings, int width, int stats) {
-    n_ = static_cast<double>(settings.window.area());
+    n_ = static_cast<double>(settings.window.area() * C);
     middle_ = settings.range.middle();
-    for (double** row : {left_, left_ + 1, &scale_}) *row = arena.take<double>(width);
-    for (double** row : {right_, right_ + 1}) *row = arena.take<double>(stats);
+    for (double** row : {&left_more_, &left_scale_, &scale_}) *row = arena.take<double>(width);
+    for (double** row : {&right_more_, &right_scale_}) *row = arena.take<double>(stats);
   }
-  void describe(const DeepWindows& windows) {
+  void describe(const DeepWindows<C>& windows) {
     // Of pixels counted from 0: (l + m) (r + m) = l r + m (l + m) + m r.
-    for (int x = 0; x < windows.width; ++x) left_[0][x] = middle_ * (windows.sums[0][x] + n_ * middle_);
-    scale(windows, 0, -1, left_[1]);
+    for (int x = 0; x < windows.width; ++x) left_more_[x] = middle_ * (windows.total(windows.sums[0], x) + n_ * middle_);
+    scale(windows, 0, -1, left_scale_);
     scale(windows, 1, 1, scale_);
     windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA {
-      right_[0][j] = middle_ * windows.sums[1][x];
-      right_[1][j] = scale_[x];
+      right_more_[j] = middle_ * windows.total(windows.sums[1], x);
+      right_scale_[j] = scale_[x];
     });
   }
 
   struct Left {
     Doubles more, scale;
   };
-  STEREOPSIS_INLINE Left left(int x) const { return {Vector::set(left_[0][x]), Vector::set(left_[1][x])}; }
+  STEREOPSIS_INLINE Left left(int x) const { return {Vector::set(left_more_[x]), Vector::set(left_scale_[x])}; }
   template <class Sum>
   STEREOPSIS_INLINE F value(Sum sum, const Left& left, int j) const {
-    const Doubles products = Vector::add(Vector::sub(left.more, to_doubles(sum)), Vector::load(right_[0] + j));
-    return to_floats(Vector::mul(products, Vector::mul(left.scale, Vector::load(right_[1] + j))));
+    const Doubles products = Vector::add(Vector::sub(left.more, to_doubles(sum)), Vector::load(right_more_ + j));
+    return to_floats(Vector::mul(products, Vector::mul(left.scale, Vector::load(right_scale_ + j))));
   }
 
  private:
-  void scale(const DeepWindows& windows, int side, double sign, double* STEREOPSIS_RESTRICT scales) const {
-    const double *STEREOPSIS_RESTRICT sums = windows.sums[side], *STEREOPSIS_RESTRICT squares = windows.squares[side];
+  void scale(const DeepWindows<C>& windows, int side, double sign, double* STEREOPSIS_RESTRICT scales) const {
     for (int x = 0; x < windows.width; ++x) {
-      const double square = squares[x] + middle_ * (2 * sums[x] + n_ * middle_);
+      const double sum = windows.total(windows.sums[side], x);
+      const double square = windows.total(windows.squares[side], x) + middle_ * (2 * sum + n_ * middle_);
       scales[x] = sign * (square > 0 ? 1.0 / std::sqrt(square) : 0.0);
     }
   }
 
   double n_, middle_;
-  double *left_[2], *right_[2], *scale_;  // what is added, and the scale
+  double *left_more_, *right_more_, *left_scale_, *right_scale_, *scale_;
 };
 
-template <class Of, class T>
+template <class Of, class T, int C>
 struct SsdCost {
   using Sums = Of;
   using Number = T;
   using Vector = Numbers<T>;
+  static constexpr int channels = C;
   static constexpr T base = 0;
 
   void take(Arena& arena, const FusedSettings&, int width, int stats) {
     left_ = arena.take<T>(width);
     right_ = arena.take<T>(stats);
   }
-  void describe(const DeepWindows& windows) {
-    for (int x = 0; x < windows.width; ++x) left_[x] = static_cast<T>(windows.squares[0][x]);
-    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_[j] = static_cast<T>(windows.squares[1][x]); });
+  void describe(const DeepWindows<C>& windows) {
+    for (int x = 0; x < windows.width; ++x) left_[x] = static_cast<T>(windows.total(windows.squares[0], x));
+    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_[j] = static_cast<T>(windows.total(windows.squares[1], x)); });
   }
 
   using Left = typename Vector::Vector;
@@ -459,54 +517,66 @@ struct SsdCost {
   T *left_, *right_;
 };
 
-template <class Of>
+template <class Of, int C>
 struct ZssdCost {
   using Sums = Of;
   using Number = float;
   using Vector = Numbers<double>;
+  static constexpr int channels = C;
   static constexpr float base = 0;
 
   void take(Arena& arena, const FusedSettings& settings, int width, int stats) {
-    n_ = static_cast<double>(settings.window.area());
-    means_.take(arena, width);
-    about_.take(arena, stats);
-    for (double** row : {right_, right_ + 1}) *row = arena.take<double>(stats);
+    centred_.take(arena, settings, width, stats);
+    for (double*& row : right_rest_) row = arena.take<double>(stats);
+    left_squares_ = arena.take<double>(width);
+    right_squares_ = arena.take<double>(stats);
   }
-  void describe(const DeepWindows& windows) {
-    means_.describe(windows, n_);
-    sums_ = windows.sums[0];
-    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA {
-      about_.keep(j, means_.mean[1][x], means_.rest[1][x]);
-      right_[0][j] = means_.rest[1][x];
-      right_[1][j] = means_.about[1][x];
-    });
+  void describe(const DeepWindows<C>& windows) {
+    centred_.describe(windows);
+    const double* about[2][C];
+    for (int c = 0; c < C; ++c) {
+      const Means& means = centred_.means[c];
+      for (int side = 0; side < 2; ++side) about[side][c] = means.about[side];
+      windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_rest_[c][j] = means.rest[1][x]; });
+    }
+    for (int x = 0; x < windows.width; ++x) left_squares_[x] = windows.total(about[0], x);
+    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_squares_[j] = windows.total(about[1], x); });
   }
 
   struct Left {
-    typename AboutMeans<Sums>::Left about;
-    Doubles rest, squares;
+    typename Centred<Sums, C>::Left centred;
+    Doubles rest[C], squares;
   };
   STEREOPSIS_INLINE Left left(int x) const {
-    return {AboutMeans<Sums>::left(sums_[x], means_.mean[0][x]), Vector::set(means_.rest[0][x]), Vector::set(means_.about[0][x])};
+    Left left;
+    left.centred = centred_.left(x);
+    for (int c = 0; c < C; ++c) left.rest[c] = Vector::set(centred_.means[c].rest[0][x]);
+    left.squares = Vector::set(left_squares_[x]);
+    return left;
   }
   // About the difference of both whole means; where the left rest is the lesser one, the floor of the differences' mean is one less.
   template <class Sum>
   STEREOPSIS_INLINE F value(Sum sum, const Left& left, int j) const {
-    const Doubles products = to_doubles(about_.of(sum, left.about, j));
-    const Doubles squares = Vector::add(Vector::add(left.squares, Vector::load(right_[1] + j)), Vector::add(products, products));
-    const Doubles over = Vector::sub(left.rest, Vector::load(right_[0] + j));
-    const Doubles rest = Vector::add(over, Vector::where_at_most(over, Vector::set(-1), Vector::set(n_)));
-    const Doubles more = Vector::where_at_most(over, Vector::set(-1), Vector::add(over, rest));
-    return to_floats(Vector::sub(Vector::add(squares, more), share(Vector::mul(rest, rest))));
+    const Doubles products = to_doubles(centred_.products(sum, left.centred, j));
+    Doubles squares = Vector::add(Vector::add(left.squares, Vector::load(right_squares_ + j)), Vector::add(products, products));
+    Doubles rests = Vector::set(0);
+    for (int c = 0; c < C; ++c) {
+      const Doubles over = Vector::sub(left.rest[c], Vector::load(right_rest_[c] + j));
+      const Doubles rest = Vector::add(over, Vector::where_at_most(over, Vector::set(-1), Vector::set(centred_.n)));
+      squares = Vector::add(squares, Vector::where_at_most(over, Vector::set(-1), Vector::add(over, rest)));
+      rests = Vector::add_product(rests, rest, rest);
+    }
+    return to_floats(Vector::sub(squares, share(rests)));
   }
 
  private:
-  STEREOPSIS_INLINE Doubles share(Doubles squares) const {
-    const double inverse = 1.0 / n_;
-    return {share(squares.lower, n_, inverse), share(squares.upper, n_, inverse)};
+  STEREOPSIS_INLINE Doubles share(Doubles rests) const {
+    const double inverse = 1.0 / centred_.n;
+    return {share(rests.lower, centred_.n, inverse), share(rests.upper, centred_.n, inverse)};
   }
-  // v / n, rounded once, of the square of a whole number below n. By multiply-adds that are fused, tried for all such numbers of all
-  // windows: a division takes five times as long.
+  // v / n of whole numbers, v < 2^34 and n < 2^16, rounded once. A division takes five times as long as multiply-adds that are fused:
+  // what v exceeds n `near` by is exact, so the sum errs by 2^-51 of its last place before it is rounded, and such a quotient is a
+  // double or lies at least 2^-17 of that place off the middle between two.
   static STEREOPSIS_INLINE D share(D v, double n, double inverse) {
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx2
     const D near = Simd::mul(v, Simd::set(inverse));
@@ -518,27 +588,25 @@ struct ZssdCost {
 #endif
   }
 
-  double n_;
-  Means means_;
-  AboutMeans<Sums> about_;
-  const double* sums_ = nullptr;  // of left windows
-  double* right_[2];              // rest, and squares about the mean
+  Centred<Sums, C> centred_;
+  double *right_rest_[C], *left_squares_, *right_squares_;  // squares about the mean
 };
 
-template <class T>
+template <class T, int C>
 struct SadCost {
   using Sums = Lesser<T>;
   using Number = T;
   using Vector = Numbers<T>;
+  static constexpr int channels = C;
   static constexpr T base = 0;
 
   void take(Arena& arena, const FusedSettings&, int width, int stats) {
     left_ = arena.take<T>(width);
     right_ = arena.take<T>(stats);
   }
-  void describe(const DeepWindows& windows) {
-    for (int x = 0; x < windows.width; ++x) left_[x] = static_cast<T>(windows.sums[0][x]);
-    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_[j] = static_cast<T>(windows.sums[1][x]); });
+  void describe(const DeepWindows<C>& windows) {
+    for (int x = 0; x < windows.width; ++x) left_[x] = static_cast<T>(windows.total(windows.sums[0], x));
+    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_[j] = static_cast<T>(windows.total(windows.sums[1], x)); });
   }
 
   using Left = typename Vector::Vector;

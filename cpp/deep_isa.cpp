@@ -1,5 +1,4 @@
-// One build of the streaming kernels for 16-bit and float images of one channel, for the instruction set that STEREOPSIS_ISA
-// names.
+// One build of the streaming kernels for 16-bit and float images, for the instruction set that STEREOPSIS_ISA names.
 //
 // As in fused_narrow.hpp what rows and columns change slides along x in `slide`, and the right image is kept mirrored, so that
 // candidates are contiguous. `static` and unnamed for the reason given there.
@@ -56,6 +55,7 @@ class Deep {
   using Vectors = Numbers<Number>;
   using Vector = typename Vectors::Vector;
   static constexpr Number worst = worst_cost<Number>();
+  static constexpr int C = Cost::channels;
 
  public:
   Deep(const Pair& pair, const FusedSettings& settings, void* memory)
@@ -67,7 +67,7 @@ class Deep {
     reach_ = columns_ + padded_;
     stats_ = W + padded_;
     middle_ = settings.range.middle();
-    kept_.take(arena_, columns_, reach_, w);
+    for (Sums& kept : kept_) kept.take(arena_, columns_, reach_, w);
     cost_of_.take(arena_, s_, W, stats_);
     sums_ = arena_.take<Stored>(static_cast<size_t>(W) * padded_);
     slide_ = arena_.take<Stored>(padded_);
@@ -117,7 +117,7 @@ class Deep {
   }
 
  private:
-  static constexpr int kRows = 4;  // of statistics: sums and squares of the left image, then of the right one
+  static constexpr int kRows = 4 * C;  // of statistics: a channel's sums and squares of the left image, then of the right one
   // Between the costs of two pixels there is room on both sides for what is next to them, and
   // one less than whole vectors, so that the candidates of a right pixel lie whole vectors apart; the rooms overlap then.
   size_t stride() const { return padded_ + 2 * kChunk - 1; }
@@ -127,25 +127,29 @@ class Deep {
 
   void change_rows(int entering, const int* leaving) {
     const int W = p_.width, before = s_.window.left();
-    for (int side = 0; side < 2; ++side) {
-      const void* image = side ? p_.right : p_.left;
-      take_row(image, entering, row_in_);
-      if (leaving) take_row(image, *leaving, row_out_);
-      change_columns(row_in_, row_out_, W, column_[2 * side] + before, column_[2 * side + 1] + before);
-      if (side) {
-        mirror(row_in_, right_in_);
-        mirror(row_out_, right_out_);
-      } else {
-        pad(row_in_, left_in_);
-        pad(row_out_, left_out_);
+    for (int c = 0; c < C; ++c) {
+      double** const columns = column_ + 4 * c;
+      for (int side = 0; side < 2; ++side) {
+        const void* image = side ? p_.right : p_.left;
+        take_row(image, entering, c, row_in_);
+        if (leaving) take_row(image, *leaving, c, row_out_);
+        change_columns(row_in_, row_out_, W, columns[2 * side] + before, columns[2 * side + 1] + before);
+        if (side) {
+          mirror(row_in_, right_in_);
+          mirror(row_out_, right_out_);
+        } else {
+          pad(row_in_, left_in_);
+          pad(row_out_, left_out_);
+        }
       }
+      kept_[c].change({left_in_, left_out_, right_in_, right_out_, s_.window.width, columns_, reach_});
     }
-    kept_.change({left_in_, left_out_, right_in_, right_out_, s_.window.width, columns_, reach_});
   }
 
-  void take_row(const void* image, int y, int32_t* STEREOPSIS_RESTRICT row) const {
-    const int32_t* STEREOPSIS_RESTRICT from = static_cast<const int32_t*>(image) + static_cast<size_t>(clamp(y, 0, p_.height - 1)) * p_.width;
-    for (int x = 0; x < p_.width; ++x) row[x] = from[x] - middle_;
+  void take_row(const void* image, int y, int c, int32_t* STEREOPSIS_RESTRICT row) const {
+    const int32_t* STEREOPSIS_RESTRICT from =
+        static_cast<const int32_t*>(image) + static_cast<size_t>(clamp(y, 0, p_.height - 1)) * p_.width * C + c;
+    for (int x = 0; x < p_.width; ++x) row[x] = from[static_cast<size_t>(x) * C] - middle_;
   }
 
   template <class T>
@@ -170,8 +174,10 @@ class Deep {
   // ---- the sliding sums ---------------------------------------------------------------------------------------------------
 
   void advance_slide(int k) {
-    const auto column = kept_.column(k, columns_ - 1 - k);
-    for (int at = 0; at < padded_; at += kLanes) Summed::store(slide_ + at, Sums::advance(Summed::load(slide_ + at), column, at));
+    for (const Sums& kept : kept_) {
+      const auto column = kept.column(k, columns_ - 1 - k);
+      for (int at = 0; at < padded_; at += kLanes) Summed::store(slide_ + at, Sums::advance(Summed::load(slide_ + at), column, at));
+    }
   }
 
   void prime_slide() {
@@ -195,7 +201,13 @@ class Deep {
     for (double* column : column_) pad(column + s_.window.left(), column);
     slide_windows<kRows>(column_, s_.window.width, W, window_);
     const int last = W - 1 - p_.first;
-    cost_of_.describe({{window_[0], window_[2]}, {window_[1], window_[3]}, W, last, most(0, last - (stats_ - 1)), least(W, last + 1)});
+    DeepWindows<C> windows{{}, {}, W, last, most(0, last - (stats_ - 1)), least(W, last + 1)};
+    for (int c = 0; c < C; ++c)
+      for (int side = 0; side < 2; ++side) {
+        windows.sums[side][c] = window_[4 * c + 2 * side];
+        windows.squares[side][c] = window_[4 * c + 2 * side + 1];
+      }
+    cost_of_.describe(windows);
   }
 
   // ---- winners ------------------------------------------------------------------------------------------------------------
@@ -227,7 +239,8 @@ class Deep {
 
   template <int N>
   STEREOPSIS_NOINLINE void match_block(const int begin, const int end, const int at) {
-    const Sums kept = kept_;
+    Sums kept[C];
+    for (int c = 0; c < C; ++c) kept[c] = kept_[c];
     const Cost cost_of = cost_of_;
     typename Summed::Vector change[N];
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { change[v] = Summed::load(slide_ + at + v * kLanes); });
@@ -243,10 +256,11 @@ class Deep {
 
   // Of pixel x, which sees candidates [lo, hi), those of N vectors from `at` on; `Whole` says that it sees all of them.
   template <int N, bool Whole>
-  STEREOPSIS_INLINE void match_pixel(const Sums& kept, const Cost& cost_of, int x, int slot, int at, int lo, int hi,
+  STEREOPSIS_INLINE void match_pixel(const Sums* kept, const Cost& cost_of, int x, int slot, int at, int lo, int hi,
                                      typename Summed::Vector* change) {
     const int k = x + s_.window.width - 1, mirrored = p_.width - 1 - x + at;
-    const auto column = kept.column(k, columns_ - 1 - k + at);
+    typename Sums::Column column[C];
+    for (int c = 0; c < C; ++c) column[c] = kept[c].column(k, columns_ - 1 - k + at);
     const auto left = cost_of.left(x);
     Stored* const sums = sums_ + static_cast<size_t>(x) * padded_ + at;
     const Number* const indices = index_ + at;
@@ -255,7 +269,7 @@ class Deep {
     Vector place = at == 0 ? Vectors::set(-1) : Vectors::load(place_ + slot * kLanes);
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
       constexpr int j = v.value * kLanes;
-      change[v] = Sums::advance(change[v], column, j);
+      for (int c = 0; c < C; ++c) change[v] = Sums::advance(change[v], column[c], j);
       Vector value = Vectors::set(worst);
       // A candidate that its pixel does not see in this row, it sees in none: nobody needs its sum.
       if (Whole || (at + j < hi && at + j + kLanes > lo)) {
@@ -344,7 +358,7 @@ class Deep {
   const Pair& p_;
   const FusedSettings& s_;
   Arena arena_;
-  Sums kept_;
+  Sums kept_[C];
   Cost cost_of_;
   int vectors_, padded_, columns_, reach_, stats_;
   int32_t middle_;
@@ -356,39 +370,45 @@ class Deep {
   int32_t *right_index_, *winner_, *claims_;
 };
 
-template <class Visit>
+template <int C, class Visit>
 void with_cost(const Pair& pair, const FusedSettings& settings, void* memory, Visit visit) {
-  const bool words = words_fit(settings.range, settings.window), held = words_hold(settings.cost, settings.range, settings.window);
+  const bool words = deep_words_fit(settings.range, settings.window, C);
+  const bool held = deep_words_hold(settings.cost, settings.range, settings.window, C);
   switch (settings.cost) {
     case CostKind::sad:
-      return held ? visit(Deep<SadCost<int32_t>>(pair, settings, memory)) : visit(Deep<SadCost<double>>(pair, settings, memory));
+      return held ? visit(Deep<SadCost<int32_t, C>>(pair, settings, memory)) : visit(Deep<SadCost<double, C>>(pair, settings, memory));
     case CostKind::ssd:
-      if (words && held) return visit(Deep<SsdCost<WordProducts, int32_t>>(pair, settings, memory));
-      return words ? visit(Deep<SsdCost<WordProducts, double>>(pair, settings, memory))
-                   : visit(Deep<SsdCost<DoubleProducts, double>>(pair, settings, memory));
+      if (words && held) return visit(Deep<SsdCost<WordProducts, int32_t, C>>(pair, settings, memory));
+      return words ? visit(Deep<SsdCost<WordProducts, double, C>>(pair, settings, memory))
+                   : visit(Deep<SsdCost<DoubleProducts, double, C>>(pair, settings, memory));
     case CostKind::zssd:
-      return words ? visit(Deep<ZssdCost<WordProducts>>(pair, settings, memory))
-                   : visit(Deep<ZssdCost<DoubleProducts>>(pair, settings, memory));
+      return words ? visit(Deep<ZssdCost<WordProducts, C>>(pair, settings, memory))
+                   : visit(Deep<ZssdCost<DoubleProducts, C>>(pair, settings, memory));
     case CostKind::ncc:
-      return words ? visit(Deep<NccCost<WordProducts>>(pair, settings, memory))
-                   : visit(Deep<NccCost<DoubleProducts>>(pair, settings, memory));
+      return words ? visit(Deep<NccCost<WordProducts, C>>(pair, settings, memory))
+                   : visit(Deep<NccCost<DoubleProducts, C>>(pair, settings, memory));
     case CostKind::zncc:
-      return words ? visit(Deep<ZnccCost<WordProducts>>(pair, settings, memory))
-                   : visit(Deep<ZnccCost<DoubleProducts>>(pair, settings, memory));
+      return words ? visit(Deep<ZnccCost<WordProducts, C>>(pair, settings, memory))
+                   : visit(Deep<ZnccCost<DoubleProducts, C>>(pair, settings, memory));
     case CostKind::zsad:
       return;  // its sums do not slide
   }
 }
 
+template <class Visit>
+void with_kernel(const Pair& pair, const FusedSettings& settings, void* memory, Visit visit) {
+  pair.channels == 1 ? with_cost<1>(pair, settings, memory, visit) : with_cost<3>(pair, settings, memory, visit);
+}
+
 size_t scratch_bytes(const Pair& pair, const FusedSettings& settings) {
   size_t bytes = 0;
-  with_cost(pair, settings, nullptr, [&](const auto& kernel) { bytes = kernel.bytes(); });
+  with_kernel(pair, settings, nullptr, [&](const auto& kernel) { bytes = kernel.bytes(); });
   return bytes;
 }
 
 void rows(const Pair& pair, const FusedSettings& settings, const FusedOutput& out, int begin, int end, void* scratch,
           const Cancel& cancel) {
-  with_cost(pair, settings, scratch, [&](auto&& kernel) { kernel.rows(out, begin, end, cancel); });
+  with_kernel(pair, settings, scratch, [&](auto&& kernel) { kernel.rows(out, begin, end, cancel); });
 }
 
 }  // namespace

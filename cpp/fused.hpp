@@ -94,7 +94,7 @@ class Cancel {
   void* whom_ = nullptr;
 };
 
-// int32 images of one channel where `deep_fits`: as FusedKernel has it.
+// int32 images where `deep_fits`: as FusedKernel has it.
 struct DeepKernel {
   size_t (*scratch_bytes)(const Pair&, const FusedSettings&);
   void (*rows)(const Pair&, const FusedSettings&, const FusedOutput&, int begin, int end, void* scratch, const Cancel& cancel);

@@ -46,7 +46,7 @@ extern const DeepKernel deep;
 namespace {
 
 bool is_deep(const Pair& pair, const FusedSettings& settings, bool narrow) {
-  return !narrow && pair.channels == 1 && deep_fits(settings.cost, settings.range, settings.window);
+  return !narrow && deep_fits(settings.cost, settings.range, settings.window, pair.channels);
 }
 
 size_t scratch_bytes(const Pair& pair, const FusedSettings& settings, bool narrow) {

@@ -80,6 +80,38 @@ def test_at_the_bounds_of_32_bits(top, window, kind):
             assert_on_every_set(*images, disparities=(-3, 6), cost=kind(window), left_right=1, uniqueness=5)
 
 
+def coloured(image, top):
+    """Three channels that are not alike."""
+    return np.stack((image, top - image, image[::-1]), axis=-1)
+
+
+# Of three channels sums are of three times as many.
+@pytest.mark.parametrize("kind", COSTS)
+@pytest.mark.parametrize(
+    ("top", "window"),
+    [
+        *((4095, (17, 10)), (4095, (19, 9))),
+        *((4095, (7, 6)), (4095, (43, 1))),
+        *((65535, (127, 86)), (65535, (128, 86))),
+    ],
+    ids=str,
+)
+def test_three_channels_at_the_bounds_of_32_bits(top, window, kind):
+    for pair in pairs(top, (4, 25)).values():
+        images = (coloured(image, top).astype(np.uint16) for image in pair)
+        chosen = {"disparities": (-3, 6), "cost": kind(window), "left_right": 1, "uniqueness": 5}
+        assert_on_every_set(*images, **chosen, channels="separate")
+
+
+@pytest.mark.parametrize("kind", COSTS)
+@pytest.mark.parametrize("window", [(31, 22), (36, 19)], ids=str)
+def test_three_channels_at_the_bounds_of_doubles(window, kind):
+    for pair in pairs(2**21 - 1, (4, 25)).values():
+        images = ((coloured(image, 2**21 - 1) / 2**21).astype(np.float32) for image in pair)
+        chosen = {"disparities": (-3, 6), "cost": kind(window), "left_right": 1, "uniqueness": 5}
+        assert_on_every_set(*images, **chosen, channels="separate")
+
+
 # Floats become 21 bits and a sign: up to 2^20 from the middle where they have one sign, else up to 2^21.
 @pytest.mark.parametrize("kind", COSTS)
 @pytest.mark.parametrize(
@@ -109,12 +141,14 @@ def test_bright_floats_that_differ_by_little(window, kind):
 @some.composite
 def problems(draw):
     height, width = draw(some.integers(1, 9)), draw(some.integers(1, 70))
+    colour = draw(some.booleans())
+    shape = (height, width, 3) if colour else (height, width)
     top = draw(some.sampled_from([1, 255, 1023, 4095, 4096, 16383, 65535]))
     rng = np.random.default_rng(draw(some.integers(0, 2**32)))
-    left = rng.integers(0, top + 1, (height, width)) + draw(some.integers(0, 65535 - top))
+    left = rng.integers(0, top + 1, shape) + draw(some.integers(0, 65535 - top))
     right = np.roll(left, -draw(some.integers(0, 9)), axis=1)
-    wrong = rng.random((height, width)) < 0.2
-    right[wrong] = left.min() + rng.integers(0, left.max() - left.min() + 1, (height, width))[wrong]
+    wrong = rng.random(shape) < 0.2
+    right[wrong] = left.min() + rng.integers(0, left.max() - left.min() + 1, shape)[wrong]
     first = draw(some.integers(-width - 3, width + 3))
     chosen = {
         "disparities": (first, first + draw(some.integers(1, 2 * width + 3))),
@@ -122,6 +156,7 @@ def problems(draw):
         "left_right": draw(some.sampled_from([None, 0, 1, 2.5])),
         "uniqueness": draw(some.sampled_from([None, 0, 5])),
         "subpixel": draw(some.sampled_from([None, "parabola", "equiangular"])),
+        "channels": "separate" if colour else "grey",
     }
     return left, right, chosen, draw(some.booleans())
 
@@ -175,14 +210,18 @@ def test_constant_windows_have_no_correlation():
     assert_on_every_set(image, image, disparities=(0, 4), cost=st.ZNCC(5), threads=(1, 2, 7))
 
 
+@pytest.mark.parametrize("channels", ["grey", "separate"])
 @pytest.mark.parametrize("kind", COSTS)
-def test_the_winning_cost_is_the_volume_s(kind):
+def test_the_winning_cost_is_the_volume_s(kind, channels):
     """Down to the sign of a correlation of 0."""
     left, right = (image.astype(np.uint16) for image in pairs(1023, (6, 80))["noise"])
     left[:, 20:50] = right[:, 10:30] = 0
-    volume = st.match(left, right, disparities=(-2, 9), cost=kind(5), keep=("costs",)).stages["costs"]
-    pixels, disparities = cost.pixels(left, right), Disparities(-2, 9)
-    found = np.empty(left.shape, np.float32)
+    if channels == "separate":
+        left, right = (np.stack((image, image // 2, image[::-1]), axis=-1) for image in (left, right))
+    kept = st.match(left, right, disparities=(-2, 9), cost=kind(5), channels=channels, keep=("costs",))
+    volume = kept.stages["costs"]
+    pixels, disparities = cost.pixels(left, right, channels), Disparities(-2, 9)
+    found = np.empty(left.shape[:2], np.float32)
     for instructions in SETS:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv(_instructions.ENVIRONMENT, instructions)

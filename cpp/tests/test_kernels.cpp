@@ -437,6 +437,10 @@ void test_bounds_of_sums() {
         if (cost != CostKind::zsad) compare(random, problem(random, pixels, 3, 20, 1, -4, 20, window), cost, cost == CostKind::zncc);
   for (const Window window : {Window{255, 128}, {255, 129}})
     compare(random, problem(random, Pixels::words, 2, 7, 1, -1, 3, window), CostKind::sad);
+  for (const Window window : {Window{17, 10}, {19, 9}, {7, 6}, {43, 1}})
+    for (const Pixels pixels : {Pixels::camera, Pixels::fixed})
+      for (const CostKind cost : kCosts)
+        if (cost != CostKind::zsad) compare(random, problem(random, pixels, 2, 20, 3, -4, 20, window), cost, false);
   for (const Window window : {Window{255, 1}, {1, 255}, {255, 2}, {2, 255}})
     for (const CostKind cost : kCosts) compare(random, problem(random, Pixels::extreme, 3, 20, 1, -4, 12, window), cost);
 }

@@ -7,10 +7,13 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdlib>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <tuple>
 #include <vector>
 
@@ -36,16 +39,52 @@ void require(bool condition, const char* message) {
   if (!condition) throw std::invalid_argument(message);
 }
 
+// Calls what takes the GIL and throws nothing. While an interpreter ends, that ends any other thread: before Python 3.14 by
+// unwinding its stack, where the system can. C++ that promises not to throw is no place for that, nor are threads at work
+// on what lies there: the thread stays here for good instead, and the process ends without it.
+template <class Enter>
+auto enter_python(Enter enter) {
+  try {
+    return enter();
+  } catch (...) {
+    for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
+  }
+}
+
+// While it exists its thread has no GIL.
+class Unlocked {
+ public:
+  Unlocked() : state_(PyEval_SaveThread()) {}
+  ~Unlocked() {
+    enter_python([&] { PyEval_RestoreThread(state_); });
+  }
+  Unlocked(const Unlocked&) = delete;
+  Unlocked& operator=(const Unlocked&) = delete;
+
+  // Whether a signal has reached Python, which tells the thread alone that has called; looks twenty times a second, however
+  // many pieces the work is in.
+  bool interrupted() {
+    if (std::this_thread::get_id() != thread_ || Clock::now() < next_) return false;
+    enter_python([&] { PyEval_RestoreThread(state_); });
+    const bool found = PyErr_CheckSignals() != 0;
+    state_ = PyEval_SaveThread();
+    next_ = Clock::now() + kPatience;
+    return found;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  const std::thread::id thread_ = std::this_thread::get_id();
+  Clock::time_point next_ = Clock::now() + kPatience;
+  PyThreadState* state_;
+};
+
 // Runs `work` without the GIL; a signal that reaches Python meanwhile ends it.
 template <class Work>
 void run(int threads, Work work) {
-  const Workers workers{resolve_threads(threads), [] {
-                          const nb::gil_scoped_acquire gil;
-                          return PyErr_CheckSignals() != 0;
-                        }};
   try {
-    const nb::gil_scoped_release release;
-    work(workers);
+    Unlocked python;
+    work(Workers{resolve_threads(threads), [&] { return python.interrupted(); }});
   } catch (const Interrupted&) {
     throw nb::python_error();
   }
@@ -657,10 +696,15 @@ NB_MODULE(_core, m) {
 
   // What `work` returns. All that it calls here from this thread is done by the same threads, which end with it.
   m.def("with_crew", [](const nb::callable& work) {
-    if (crew_at_hand()) return work();
-    Crew crew;
-    const AtHand lent(&crew);
-    return work();
+    const auto result = [&] {
+      PyObject* const found = enter_python([&] { return PyObject_CallNoArgs(work.ptr()); });
+      if (!found) throw nb::python_error();
+      return nb::steal<nb::object>(found);
+    };
+    if (crew_at_hand()) return result();
+    const auto crew = std::make_unique<Crew>();  // not on the stack: its threads may outlive the one that has it
+    const AtHand lent(crew.get());
+    return result();
   });
 
   m.def("instruction_sets", [] {

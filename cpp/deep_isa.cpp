@@ -1,176 +1,28 @@
-// One build of the streaming kernel for ZNCC of 16-bit and float images of one channel, for the instruction set that
-// STEREOPSIS_ISA names; `Sums` says in what numbers products are summed.
+// One build of the streaming kernels for 16-bit and float images, for the instruction set that STEREOPSIS_ISA names.
 //
-// Pixels are counted from the middle of the images' range, which changes nothing in what WideCost asks for. As in
-// fused_narrow.hpp `sums` holds minus the window's sum of l r, what rows and columns change slides along x in `slide`, and the
-// right image is kept mirrored, so that candidates are contiguous. `static` and unnamed for the reason given there.
-#include <cmath>
+// As in fused_narrow.hpp what rows and columns change slides along x in `slide`, and the right image is kept mirrored, so that
+// candidates are contiguous. `static` and unnamed for the reason given there.
 #include <cstring>
 #include <initializer_list>
 
-#include "arena.hpp"
-#include "fused.hpp"
-#include "score.hpp"
-#include "simd.hpp"
+#include "deep.hpp"
+#include "deep_costs.hpp"
 #include "winners.hpp"
 
 namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
-using I = Simd::I;
-using F = Simd::F;
-using M = Simd::M;
-constexpr int kLanes = Simd::lanes;
-constexpr int kBlock = Simd::block;
+constexpr int kBlock = kLanes / 2;  // vectors at once
 constexpr int kChunk = 16;  // pixels whose costs are kept until their winners are taken
 
 static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
 static STEREOPSIS_INLINE int least(int a, int b) { return a < b ? a : b; }
 static STEREOPSIS_INLINE int most(int a, int b) { return a > b ? a : b; }
-static STEREOPSIS_INLINE int32_t pack16(int low, int high) {
-  return static_cast<int32_t>((static_cast<uint32_t>(low) & 0xFFFF) | (static_cast<uint32_t>(high) << 16));
-}
 template <class T>
 static void fill(T value, int count, T* STEREOPSIS_RESTRICT values) {
   for (int x = 0; x < count; ++x) values[x] = value;
 }
-
-// Rows about to enter and to leave the window: left ones of `columns` with their edge pixels repeated, right ones mirrored, of
-// `reach` and another window's width.
-struct DeepRows {
-  const int32_t *left_in, *left_out, *right_in, *right_out;
-  int window, columns, reach;
-  // The pixel of the column that leaves the window as column k enters it.
-  int32_t older(const int32_t* left, int k) const { return k < window ? 0 : left[k - window]; }
-};
-
-// Where `words_fit`: products of two 16-bit numbers at a time, of the column that enters and of the one that leaves.
-struct WordSums {
-  using Stored = int32_t;
-  using Sum = I;
-  int32_t *in, *out, *weight_in, *weight_out, *right;
-
-  void take(Arena& arena, int columns, int reach, int stats) {
-    in = arena.take<int32_t>(reach);
-    out = arena.take<int32_t>(reach);
-    weight_in = arena.take<int32_t>(columns);
-    weight_out = arena.take<int32_t>(columns);
-    right = arena.take<int32_t>(stats);
-  }
-  static STEREOPSIS_INLINE Sum load(const Stored* p) { return Simd::load(p); }
-  static STEREOPSIS_INLINE void store(Stored* p, Sum v) { Simd::store(p, v); }
-  static STEREOPSIS_INLINE Sum add(Sum a, Sum b) { return Simd::add(a, b); }
-
-  void change(const DeepRows& rows) {
-    pair_up(rows.right_in, rows.window, rows.reach, in);
-    pair_up(rows.right_out, rows.window, rows.reach, out);
-    for (int k = 0; k < rows.columns; ++k) {
-      weight_in[k] = pack16(-rows.left_in[k], rows.older(rows.left_in, k));
-      weight_out[k] = pack16(rows.left_out[k], -rows.older(rows.left_out, k));
-    }
-  }
-  static void pair_up(const int32_t* STEREOPSIS_RESTRICT row, int apart, int count, int32_t* STEREOPSIS_RESTRICT pairs) {
-    for (int j = 0; j < count; ++j) pairs[j] = pack16(row[j], row[j + apart]);
-  }
-
-  // What column k changes; its first candidate meets entry j.
-  struct Column {
-    I weight_in, weight_out;
-    const int32_t *in, *out;
-  };
-  STEREOPSIS_INLINE Column column(int k, int j) const { return {Simd::set(weight_in[k]), Simd::set(weight_out[k]), in + j, out + j}; }
-  static STEREOPSIS_INLINE Sum advance(Sum sum, const Column& column, int at) {
-    sum = Simd::dot16(sum, Simd::load(column.in + at), column.weight_in);
-    return Simd::dot16(sum, Simd::load(column.out + at), column.weight_out);
-  }
-
-  void keep_right(int j, double mean, double rest) const { right[j] = pack16(static_cast<int>(mean), static_cast<int>(rest)); }
-  struct Left {
-    I low, high;  // of the window's sum, beside the mean
-  };
-  static STEREOPSIS_INLINE Left left(double sum, double mean) {
-    const int whole = static_cast<int>(sum);
-    return {Simd::set(pack16(whole & 255, static_cast<int>(mean))), Simd::set(pack16(whole >> 8, 0))};
-  }
-  STEREOPSIS_INLINE F about_means(Sum sum, const Left& left, int j) const {
-    const I parts = Simd::load(right + j);
-    return Simd::to_float(Simd::add(Simd::dot16(sum, parts, left.low), Simd::times_256(Simd::dot16(Simd::set(0), parts, left.high))));
-  }
-};
-
-// Where `doubles_fit`: they are exact, whether products are rounded before they are added or not.
-struct DoubleSums {
-  static constexpr int half = kLanes / 2;
-  using Stored = double;
-  struct Sum {
-    Simd::D lower, upper;
-  };
-  double *in, *out, *weights, *mean, *rest;
-  int window = 0;
-
-  void take(Arena& arena, int columns, int reach, int stats) {
-    in = arena.take<double>(reach);
-    out = arena.take<double>(reach);
-    weights = arena.take<double>(4 * static_cast<size_t>(columns));
-    mean = arena.take<double>(stats);
-    rest = arena.take<double>(stats);
-  }
-  static STEREOPSIS_INLINE Sum load(const Stored* p) { return {Simd::load(p), Simd::load(p + half)}; }
-  static STEREOPSIS_INLINE void store(Stored* p, Sum v) {
-    Simd::store(p, v.lower);
-    Simd::store(p + half, v.upper);
-  }
-  static STEREOPSIS_INLINE Sum add(Sum a, Sum b) { return {Simd::add(a.lower, b.lower), Simd::add(a.upper, b.upper)}; }
-  static STEREOPSIS_INLINE Sum add_products(Sum sum, Simd::D a, const double* b) {
-    return {Simd::add_product(sum.lower, a, Simd::load(b)), Simd::add_product(sum.upper, a, Simd::load(b + half))};
-  }
-
-  void change(const DeepRows& rows) {
-    window = rows.window;
-    to_doubles(rows.right_in, rows.reach + window, in);
-    to_doubles(rows.right_out, rows.reach + window, out);
-    for (int k = 0; k < rows.columns; ++k) {
-      weights[4 * k] = -rows.left_in[k];
-      weights[4 * k + 1] = rows.older(rows.left_in, k);
-      weights[4 * k + 2] = rows.left_out[k];
-      weights[4 * k + 3] = -rows.older(rows.left_out, k);
-    }
-  }
-  static void to_doubles(const int32_t* STEREOPSIS_RESTRICT from, int count, double* STEREOPSIS_RESTRICT to) {
-    for (int j = 0; j < count; ++j) to[j] = from[j];
-  }
-
-  struct Column {
-    Simd::D in_new, in_old, out_new, out_old;
-    const double *in, *out, *in_older, *out_older;
-  };
-  STEREOPSIS_INLINE Column column(int k, int j) const {
-    const double* const w = weights + 4 * static_cast<size_t>(k);
-    return {Simd::set(w[0]), Simd::set(w[1]), Simd::set(w[2]), Simd::set(w[3]), in + j, out + j, in + j + window, out + j + window};
-  }
-  static STEREOPSIS_INLINE Sum advance(Sum sum, const Column& column, int at) {
-    sum = add_products(sum, column.in_new, column.in + at);
-    sum = add_products(sum, column.in_old, column.in_older + at);
-    sum = add_products(sum, column.out_new, column.out + at);
-    return add_products(sum, column.out_old, column.out_older + at);
-  }
-
-  void keep_right(int j, double mean_there, double rest_there) const {
-    mean[j] = mean_there;
-    rest[j] = rest_there;
-  }
-  struct Left {
-    Simd::D sum, mean;
-  };
-  static STEREOPSIS_INLINE Left left(double sum, double mean) { return {Simd::set(sum), Simd::set(mean)}; }
-  STEREOPSIS_INLINE F about_means(Sum sum, const Left& left, int j) const {
-    sum = add_products(add_products(sum, left.sum, mean + j), left.mean, rest + j);
-    return Simd::to_float(sum.lower, sum.upper);
-  }
-};
-
-// ---- window statistics, of whole numbers in doubles ---------------------------------------------------------------------
 
 static void change_columns(const int32_t* STEREOPSIS_RESTRICT in, const int32_t* STEREOPSIS_RESTRICT out, int count,
                            double* STEREOPSIS_RESTRICT sums, double* STEREOPSIS_RESTRICT squares) {
@@ -194,25 +46,16 @@ static void slide_windows(const double* const* columns, int size, int count, dou
     }
 }
 
-// As WindowStatistics and wide_scale have them; the sums are left as they are.
-static void describe_windows(const double* STEREOPSIS_RESTRICT sums, const double* STEREOPSIS_RESTRICT squares, int count, double n,
-                             double* STEREOPSIS_RESTRICT mean, double* STEREOPSIS_RESTRICT rest, float* STEREOPSIS_RESTRICT scale) {
-  constexpr double whole = 6755399441055744.0;  // 1.5 * 2^52: doubles about it are whole numbers
-  const double inverse = 1.0 / n;
-  for (int x = 0; x < count; ++x) {
-    const double near = (sums[x] * inverse + whole) - whole, over = sums[x] - near * n;
-    const double q = over < 0 ? near - 1 : near, r = over < 0 ? over + n : over;
-    const double about = squares[x] - q * (sums[x] + r), norm = about - r * r * inverse;
-    mean[x] = q;
-    rest[x] = r;
-    scale[x] = inverse_norm(norm);
-  }
-}
-
-template <class Sums>
+template <class Cost>
 class Deep {
-  using Stored = typename Sums::Stored;
-  static constexpr float worst = worst_cost<float>();
+  using Sums = typename Cost::Sums;
+  using Stored = typename Sums::Number;
+  using Summed = Numbers<Stored>;
+  using Number = typename Cost::Number;
+  using Vectors = Numbers<Number>;
+  using Vector = typename Vectors::Vector;
+  static constexpr Number worst = worst_cost<Number>();
+  static constexpr int C = Cost::channels;
 
  public:
   Deep(const Pair& pair, const FusedSettings& settings, void* memory)
@@ -224,14 +67,14 @@ class Deep {
     reach_ = columns_ + padded_;
     stats_ = W + padded_;
     middle_ = settings.range.middle();
-    inverse_n_ = 1.0f / static_cast<float>(s_.window.area());
-    kept_.take(arena_, columns_, reach_, stats_);
+    for (Sums& kept : kept_) kept.take(arena_, columns_, reach_, w);
+    cost_of_.take(arena_, s_, W, stats_);
     sums_ = arena_.take<Stored>(static_cast<size_t>(W) * padded_);
     slide_ = arena_.take<Stored>(padded_);
-    costs_ = arena_.take<float>(kChunk * stride() + kChunk);
-    best_ = arena_.take<float>(kChunk * kLanes);
-    place_ = arena_.take<float>(kChunk * kLanes);
-    index_ = arena_.take<int32_t>(padded_);
+    costs_ = arena_.take<Number>(kChunk * stride() + kChunk);
+    best_ = arena_.take<Number>(kChunk * kLanes);
+    place_ = arena_.take<Number>(kChunk * kLanes);
+    index_ = arena_.take<Number>(padded_);
     for (int32_t** row : {&row_in_, &row_out_}) *row = arena_.take<int32_t>(W);
     for (int32_t** row : {&left_in_, &left_out_}) *row = arena_.take<int32_t>(columns_);
     for (int32_t** row : {&right_in_, &right_out_}) *row = arena_.take<int32_t>(reach_ + w);
@@ -239,25 +82,19 @@ class Deep {
       column_[r] = arena_.take<double>(columns_ + 1);
       window_[r] = arena_.take<double>(W);
     }
-    for (int side = 0; side < 2; ++side) {
-      mean_[side] = arena_.take<double>(W);
-      rest_[side] = arena_.take<double>(W);
-      scale_[side] = arena_.take<float>(W);
-    }
-    right_rest_ = arena_.take<float>(stats_);
-    right_scale_ = arena_.take<float>(stats_);
-    right_best_ = arena_.take<float>(stats_ + 2 * kChunk);
-    right_index_ = arena_.take<int32_t>(stats_ + 2 * kChunk);
+    right_best_ = arena_.take<Number>(stats_ + 2 * kChunk);
+    right_column_ = arena_.take<Number>(stats_ + 2 * kChunk);
+    right_index_ = arena_.take<int32_t>(stats_);
     claims_ = arena_.take<int32_t>(2 * W + 1);
     winner_ = arena_.take<int32_t>(W);
-    for (float** row : {&cost_, &before_, &after_, &second_}) *row = arena_.take<float>(W);
+    for (Number** row : {&cost_, &before_, &after_, &second_}) *row = arena_.take<Number>(W);
   }
 
   size_t bytes() const { return arena_.used; }
 
   void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
     std::memset(arena_.base, 0, arena_.used);
-    for (int i = 0; i < padded_; ++i) index_[i] = i;
+    for (int i = 0; i < padded_; ++i) index_[i] = static_cast<Number>(i);
     fill(worst, static_cast<int>(kChunk * stride() + kChunk), costs_);
     // The sums of the row before the first one.
     const int top = begin - 1 - s_.window.above();
@@ -272,42 +109,47 @@ class Deep {
       change_rows(y + s_.window.below(), &leaving);
       window_statistics();
       match_row();
-      for (float* kept : {cost_, before_, after_, second_})
-        for (int x = 0; x < p_.width; ++x) kept[x] -= kWideBase;
-      finish(p_, s_, RowWinners<float>{winner_, cost_, before_, after_, second_, claims_, right_index_ + kChunk}, out, y);
+      if (Cost::base != 0)
+        for (Number* kept : {cost_, before_, after_, second_})
+          for (int x = 0; x < p_.width; ++x) kept[x] -= Cost::base;
+      finish(p_, s_, RowWinners<Number>{winner_, cost_, before_, after_, second_, claims_, right_index_}, out, y);
     }
   }
 
  private:
-  static constexpr int kRows = 4;  // of statistics: sums and squares of the left image, then of the right one
-  // Costs are kept with kWideBase added. Between those of two pixels there is room on both sides for what is next to them, and
+  static constexpr int kRows = 4 * C;  // of statistics: a channel's sums and squares of the left image, then of the right one
+  // Between the costs of two pixels there is room on both sides for what is next to them, and
   // one less than whole vectors, so that the candidates of a right pixel lie whole vectors apart; the rooms overlap then.
   size_t stride() const { return padded_ + 2 * kChunk - 1; }
-  float* costs_of(int slot) const { return costs_ + slot * stride() + kChunk; }
+  Number* costs_of(int slot) const { return costs_ + slot * stride() + kChunk; }
 
   // ---- rows that enter and leave ------------------------------------------------------------------------------------------
 
   void change_rows(int entering, const int* leaving) {
     const int W = p_.width, before = s_.window.left();
-    for (int side = 0; side < 2; ++side) {
-      const void* image = side ? p_.right : p_.left;
-      take_row(image, entering, row_in_);
-      if (leaving) take_row(image, *leaving, row_out_);
-      change_columns(row_in_, row_out_, W, column_[2 * side] + before, column_[2 * side + 1] + before);
-      if (side) {
-        mirror(row_in_, right_in_);
-        mirror(row_out_, right_out_);
-      } else {
-        pad(row_in_, left_in_);
-        pad(row_out_, left_out_);
+    for (int c = 0; c < C; ++c) {
+      double** const columns = column_ + 4 * c;
+      for (int side = 0; side < 2; ++side) {
+        const void* image = side ? p_.right : p_.left;
+        take_row(image, entering, c, row_in_);
+        if (leaving) take_row(image, *leaving, c, row_out_);
+        change_columns(row_in_, row_out_, W, columns[2 * side] + before, columns[2 * side + 1] + before);
+        if (side) {
+          mirror(row_in_, right_in_);
+          mirror(row_out_, right_out_);
+        } else {
+          pad(row_in_, left_in_);
+          pad(row_out_, left_out_);
+        }
       }
+      kept_[c].change({left_in_, left_out_, right_in_, right_out_, s_.window.width, columns_, reach_});
     }
-    kept_.change({left_in_, left_out_, right_in_, right_out_, s_.window.width, columns_, reach_});
   }
 
-  void take_row(const void* image, int y, int32_t* STEREOPSIS_RESTRICT row) const {
-    const int32_t* STEREOPSIS_RESTRICT from = static_cast<const int32_t*>(image) + static_cast<size_t>(clamp(y, 0, p_.height - 1)) * p_.width;
-    for (int x = 0; x < p_.width; ++x) row[x] = from[x] - middle_;
+  void take_row(const void* image, int y, int c, int32_t* STEREOPSIS_RESTRICT row) const {
+    const int32_t* STEREOPSIS_RESTRICT from =
+        static_cast<const int32_t*>(image) + static_cast<size_t>(clamp(y, 0, p_.height - 1)) * p_.width * C + c;
+    for (int x = 0; x < p_.width; ++x) row[x] = from[static_cast<size_t>(x) * C] - middle_;
   }
 
   template <class T>
@@ -332,8 +174,10 @@ class Deep {
   // ---- the sliding sums ---------------------------------------------------------------------------------------------------
 
   void advance_slide(int k) {
-    const auto column = kept_.column(k, columns_ - 1 - k);
-    for (int at = 0; at < padded_; at += kLanes) Sums::store(slide_ + at, Sums::advance(Sums::load(slide_ + at), column, at));
+    for (const Sums& kept : kept_) {
+      const auto column = kept.column(k, columns_ - 1 - k);
+      for (int at = 0; at < padded_; at += kLanes) Summed::store(slide_ + at, Sums::advance(Summed::load(slide_ + at), column, at));
+    }
   }
 
   void prime_slide() {
@@ -346,7 +190,7 @@ class Deep {
     for (int x = 0; x < p_.width; ++x) {
       advance_slide(x + s_.window.width - 1);
       Stored* sums = sums_ + static_cast<size_t>(x) * padded_;
-      for (int at = 0; at < padded_; at += kLanes) Sums::store(sums + at, Sums::add(Sums::load(sums + at), Sums::load(slide_ + at)));
+      for (int at = 0; at < padded_; at += kLanes) Summed::store(sums + at, Summed::add(Summed::load(sums + at), Summed::load(slide_ + at)));
     }
   }
 
@@ -356,16 +200,14 @@ class Deep {
     const int W = p_.width;
     for (double* column : column_) pad(column + s_.window.left(), column);
     slide_windows<kRows>(column_, s_.window.width, W, window_);
-    for (int side = 0; side < 2; ++side)
-      describe_windows(window_[2 * side], window_[2 * side + 1], W, static_cast<double>(s_.window.area()), mean_[side], rest_[side],
-                       scale_[side]);
-    // Right statistics lie mirrored: pixel x - d of candidate i at [width - 1 - x + i].
-    const int last = W - 1 - p_.first, begin = most(0, last - (stats_ - 1)), end = least(W, last + 1);
-    for (int x = begin; x < end; ++x) {
-      kept_.keep_right(last - x, mean_[1][x], rest_[1][x]);
-      right_rest_[last - x] = static_cast<float>(rest_[1][x]);
-      right_scale_[last - x] = scale_[1][x];
-    }
+    const int last = W - 1 - p_.first;
+    DeepWindows<C> windows{{}, {}, W, last, most(0, last - (stats_ - 1)), least(W, last + 1)};
+    for (int c = 0; c < C; ++c)
+      for (int side = 0; side < 2; ++side) {
+        windows.sums[side][c] = window_[4 * c + 2 * side];
+        windows.squares[side][c] = window_[4 * c + 2 * side + 1];
+      }
+    cost_of_.describe(windows);
   }
 
   // ---- winners ------------------------------------------------------------------------------------------------------------
@@ -373,7 +215,7 @@ class Deep {
   void match_row() {
     if (s_.left_right) {
       fill(worst, stats_ + 2 * kChunk, right_best_);
-      fill(-1, stats_ + 2 * kChunk, right_index_);
+      fill(Number{-1}, stats_ + 2 * kChunk, right_column_);
     }
     prime_slide();
     for (int begin = 0; begin < p_.width; begin += kChunk) {
@@ -385,7 +227,7 @@ class Deep {
         for (int x = begin; x < end; ++x) take_second(x, x - begin);
     }
     if (s_.left_right)  // from columns to candidates
-      for (int j = 0; j < stats_; ++j) right_index_[kChunk + j] += 1 - p_.width + j;
+      for (int j = 0; j < stats_; ++j) right_index_[j] = static_cast<int32_t>(right_column_[kChunk + j]) + (1 - p_.width + j);
   }
 
   // The vectors of candidates are taken in blocks: as many as fit the registers, then one by one.
@@ -397,68 +239,71 @@ class Deep {
 
   template <int N>
   STEREOPSIS_NOINLINE void match_block(const int begin, const int end, const int at) {
-    const Sums kept = kept_;
-    typename Sums::Sum change[N];
-    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { change[v] = Sums::load(slide_ + at + v * kLanes); });
+    Sums kept[C];
+    for (int c = 0; c < C; ++c) kept[c] = kept_[c];
+    const Cost cost_of = cost_of_;
+    typename Summed::Vector change[N];
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { change[v] = Summed::load(slide_ + at + v * kLanes); });
     for (int x = begin; x < end; ++x) {
       const int lo = most(0, x - p_.first - (p_.width - 1)), hi = most(lo, least(p_.count, x - p_.first + 1));
       if (lo <= at && at + N * kLanes <= hi)
-        match_pixel<N, true>(kept, x, x - begin, at, lo, hi, change);
+        match_pixel<N, true>(kept, cost_of, x, x - begin, at, lo, hi, change);
       else
-        match_pixel<N, false>(kept, x, x - begin, at, lo, hi, change);
+        match_pixel<N, false>(kept, cost_of, x, x - begin, at, lo, hi, change);
     }
-    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Sums::store(slide_ + at + v * kLanes, change[v]); });
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Summed::store(slide_ + at + v * kLanes, change[v]); });
   }
 
   // Of pixel x, which sees candidates [lo, hi), those of N vectors from `at` on; `Whole` says that it sees all of them.
   template <int N, bool Whole>
-  STEREOPSIS_INLINE void match_pixel(const Sums& kept, int x, int slot, int at, int lo, int hi, typename Sums::Sum* change) {
+  STEREOPSIS_INLINE void match_pixel(const Sums* kept, const Cost& cost_of, int x, int slot, int at, int lo, int hi,
+                                     typename Summed::Vector* change) {
     const int k = x + s_.window.width - 1, mirrored = p_.width - 1 - x + at;
-    const auto column = kept.column(k, columns_ - 1 - k + at);
-    const auto left = Sums::left(window_[0][x], mean_[0][x]);
-    const F rest = Simd::set(static_cast<float>(rest_[0][x]) * inverse_n_), scale = Simd::set(scale_[0][x]);
+    typename Sums::Column column[C];
+    for (int c = 0; c < C; ++c) column[c] = kept[c].column(k, columns_ - 1 - k + at);
+    const auto left = cost_of.left(x);
     Stored* const sums = sums_ + static_cast<size_t>(x) * padded_ + at;
-    const float *const right_rest = right_rest_ + mirrored, *const right_scale = right_scale_ + mirrored;
-    const int32_t* const indices = index_ + at;
-    float* const costs = costs_of(slot) + at;
-    F best = at == 0 ? Simd::set(worst) : Simd::load(best_ + slot * kLanes);
-    F place = at == 0 ? Simd::set(-1.0f) : Simd::load(place_ + slot * kLanes);
+    const Number* const indices = index_ + at;
+    Number* const costs = costs_of(slot) + at;
+    Vector best = at == 0 ? Vectors::set(worst) : Vectors::load(best_ + slot * kLanes);
+    Vector place = at == 0 ? Vectors::set(-1) : Vectors::load(place_ + slot * kLanes);
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
       constexpr int j = v.value * kLanes;
-      change[v] = Sums::advance(change[v], column, j);
-      F value = Simd::set(worst);
+      for (int c = 0; c < C; ++c) change[v] = Sums::advance(change[v], column[c], j);
+      Vector value = Vectors::set(worst);
       // A candidate that its pixel does not see in this row, it sees in none: nobody needs its sum.
       if (Whole || (at + j < hi && at + j + kLanes > lo)) {
-        const auto sum = Sums::add(Sums::load(sums + j), change[v]);
-        Sums::store(sums + j, sum);
-        value = kept.about_means(sum, left, mirrored + j);
-        value = Simd::fused(rest, Simd::load(right_rest + j), value);
-        value = Simd::fused(Simd::mul(value, scale), Simd::load(right_scale + j), Simd::set(kWideBase));
-        const I index = Simd::load(indices + j);
-        if (!Whole) value = Simd::select(Simd::inside(index, lo, hi), value, Simd::set(worst));
-        const M better = Simd::less(value, best);
-        best = Simd::select(better, value, best);
-        place = Simd::select(better, Simd::to_float(index), place);
+        const auto sum = Summed::add(Summed::load(sums + j), change[v]);
+        Summed::store(sums + j, sum);
+        value = cost_of.value(sum, left, mirrored + j);
+        const Vector index = Vectors::load(indices + j);
+        if (!Whole) {
+          const Vector none = Vectors::set(worst);
+          value = Vectors::where_less(index, Vectors::set(static_cast<Number>(lo)), none, value);
+          value = Vectors::where_less(index, Vectors::set(static_cast<Number>(hi)), value, none);
+        }
+        place = Vectors::where_less(value, best, index, place);
+        best = Vectors::min(value, best);
       }
-      Simd::store(costs + j, value);
+      Vectors::store(costs + j, value);
     });
-    Simd::store(best_ + slot * kLanes, best);
-    Simd::store(place_ + slot * kLanes, place);
+    Vectors::store(best_ + slot * kLanes, best);
+    Vectors::store(place_ + slot * kLanes, place);
   }
 
-  // Of each pixel's lanes the least cost, and the least candidate that has it; candidates are exact as floats.
+  // Of each pixel's lanes the least cost, and the least candidate that has it; candidates are exact as any number here.
   STEREOPSIS_NOINLINE void take_winners(int begin, int end) {
-    float least[kChunk], first[kChunk];
-    Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return Simd::load(best_ + slot * kLanes); }, least);
+    Number least[kChunk], first[kChunk];
+    Vectors::minima(best_, least);
     for (int slot = 0; slot < kChunk; ++slot) {
-      float* const place = place_ + slot * kLanes;
-      const M equal = Simd::equal(Simd::load(best_ + slot * kLanes), Simd::set(least[slot]));
-      Simd::store(place, Simd::select(equal, Simd::load(place), Simd::set(worst)));
+      Number* const place = place_ + slot * kLanes;
+      const Vector best = Vectors::load(best_ + slot * kLanes);
+      Vectors::store(place, Vectors::where_less(Vectors::set(least[slot]), best, Vectors::set(worst), Vectors::load(place)));
     }
-    Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return Simd::load(place_ + slot * kLanes); }, first);
+    Vectors::minima(place_, first);
     for (int x = begin; x < end; ++x) {
       winner_[x] = static_cast<int32_t>(first[x - begin]);
-      const float* costs = costs_of(x - begin) + winner_[x];
+      const Number* costs = costs_of(x - begin) + winner_[x];
       cost_[x] = costs[0];
       before_[x] = costs[-1];
       after_[x] = costs[1];
@@ -478,72 +323,92 @@ class Deep {
   template <int N>
   STEREOPSIS_INLINE void take_right_block(const int begin, const int end, const int i) {
     const size_t step = stride() + 1;
-    const float* STEREOPSIS_RESTRICT costs = costs_of(0) + i;
-    F best[N];
-    I column[N], here = Simd::set(begin);
+    const Number* STEREOPSIS_RESTRICT costs = costs_of(0) + i;
+    Vector best[N], column[N], here = Vectors::set(static_cast<Number>(begin));
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-      best[v] = Simd::set(worst);
-      column[v] = Simd::set(begin);
+      best[v] = Vectors::set(worst);
+      column[v] = here;
     });
     for (int x = begin; x < end; ++x) {
       unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-        const F value = Simd::load(costs + v.value * kLanes);
-        column[v] = Simd::select(Simd::less(value, best[v]), here, column[v]);
-        best[v] = Simd::min(value, best[v]);
+        const Vector value = Vectors::load(costs + v.value * kLanes);
+        column[v] = Vectors::where_less(value, best[v], here, column[v]);
+        best[v] = Vectors::min(value, best[v]);
       });
-      here = Simd::add(here, Simd::set(1));
+      here = Vectors::add(here, Vectors::set(1));
       costs += step;
     }
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
       const int j = kChunk + (p_.width - 1 - begin) + i + v.value * kLanes;
-      const F before = Simd::load(right_best_ + j);
-      const M better = Simd::less(best[v], before);
-      Simd::store(right_best_ + j, Simd::select(better, best[v], before));
-      Simd::store(right_index_ + j, Simd::select(better, column[v], Simd::load(right_index_ + j)));
+      const Vector before = Vectors::load(right_best_ + j);
+      Vectors::store(right_column_ + j, Vectors::where_less(best[v], before, column[v], Vectors::load(right_column_ + j)));
+      Vectors::store(right_best_ + j, Vectors::min(best[v], before));
     });
   }
 
   // The least cost of the candidates that are not next to the winner. Strikes out the stored costs of those that are.
   void take_second(int x, int slot) {
-    float* costs = costs_of(slot);
+    Number* costs = costs_of(slot);
     for (int i = winner_[x] - 1; i <= winner_[x] + 1; ++i) costs[i] = worst;
-    F least = Simd::set(worst);
-    for (int at = 0; at < padded_; at += kLanes) least = Simd::min(Simd::load(costs + at), least);
-    second_[x] = Simd::reduce_min(least);
+    Vector least = Vectors::set(worst);
+    for (int at = 0; at < padded_; at += kLanes) least = Vectors::min(Vectors::load(costs + at), least);
+    second_[x] = Vectors::least(least);
   }
 
   const Pair& p_;
   const FusedSettings& s_;
   Arena arena_;
-  Sums kept_;
+  Sums kept_[C];
+  Cost cost_of_;
   int vectors_, padded_, columns_, reach_, stats_;
   int32_t middle_;
-  float inverse_n_;
   Stored *sums_, *slide_;
   int32_t *row_in_, *row_out_, *left_in_, *left_out_, *right_in_, *right_out_;
-  double *column_[kRows], *window_[kRows], *mean_[2], *rest_[2];
-  float *scale_[2], *right_rest_, *right_scale_, *costs_, *best_, *place_, *right_best_;
-  float *cost_, *before_, *after_, *second_;
-  int32_t *index_, *right_index_, *winner_, *claims_;
+  double *column_[kRows], *window_[kRows];
+  Number *costs_, *best_, *place_, *index_, *right_best_, *right_column_;
+  Number *cost_, *before_, *after_, *second_;
+  int32_t *right_index_, *winner_, *claims_;
 };
 
+template <int C, class Visit>
+void with_cost(const Pair& pair, const FusedSettings& settings, void* memory, Visit visit) {
+  const bool words = deep_words_fit(settings.range, settings.window, C);
+  const bool held = deep_words_hold(settings.cost, settings.range, settings.window, C);
+  switch (settings.cost) {
+    case CostKind::sad:
+      return held ? visit(Deep<SadCost<int32_t, C>>(pair, settings, memory)) : visit(Deep<SadCost<double, C>>(pair, settings, memory));
+    case CostKind::ssd:
+      if (words && held) return visit(Deep<SsdCost<WordProducts, int32_t, C>>(pair, settings, memory));
+      return words ? visit(Deep<SsdCost<WordProducts, double, C>>(pair, settings, memory))
+                   : visit(Deep<SsdCost<DoubleProducts, double, C>>(pair, settings, memory));
+    case CostKind::zssd:
+      return words ? visit(Deep<ZssdCost<WordProducts, C>>(pair, settings, memory))
+                   : visit(Deep<ZssdCost<DoubleProducts, C>>(pair, settings, memory));
+    case CostKind::ncc:
+      return words ? visit(Deep<NccCost<WordProducts, C>>(pair, settings, memory))
+                   : visit(Deep<NccCost<DoubleProducts, C>>(pair, settings, memory));
+    case CostKind::zncc:
+      return words ? visit(Deep<ZnccCost<WordProducts, C>>(pair, settings, memory))
+                   : visit(Deep<ZnccCost<DoubleProducts, C>>(pair, settings, memory));
+    case CostKind::zsad:
+      return;  // its sums do not slide
+  }
+}
+
 template <class Visit>
-void with_sums(const Pair& pair, const FusedSettings& settings, void* memory, Visit visit) {
-  if (words_fit(settings.range, settings.window))
-    visit(Deep<WordSums>(pair, settings, memory));
-  else
-    visit(Deep<DoubleSums>(pair, settings, memory));
+void with_kernel(const Pair& pair, const FusedSettings& settings, void* memory, Visit visit) {
+  pair.channels == 1 ? with_cost<1>(pair, settings, memory, visit) : with_cost<3>(pair, settings, memory, visit);
 }
 
 size_t scratch_bytes(const Pair& pair, const FusedSettings& settings) {
   size_t bytes = 0;
-  with_sums(pair, settings, nullptr, [&](const auto& kernel) { bytes = kernel.bytes(); });
+  with_kernel(pair, settings, nullptr, [&](const auto& kernel) { bytes = kernel.bytes(); });
   return bytes;
 }
 
 void rows(const Pair& pair, const FusedSettings& settings, const FusedOutput& out, int begin, int end, void* scratch,
           const Cancel& cancel) {
-  with_sums(pair, settings, scratch, [&](auto&& kernel) { kernel.rows(out, begin, end, cancel); });
+  with_kernel(pair, settings, scratch, [&](auto&& kernel) { kernel.rows(out, begin, end, cancel); });
 }
 
 }  // namespace

@@ -65,7 +65,7 @@ struct FusedOutput {
 constexpr int64_t narrow_limit = 32896;
 inline bool narrow_fits(const Window& window, int channels) { return window.area() * channels <= narrow_limit; }
 
-// What is summed for ZNCC of one channel counts from the middle of the images' range. Then these bound covariances and what means
+// What is summed of 16-bit and float images of one channel counts from the middle of their range. Then these bound covariances and what means
 // leave over of them, window sums to be split into a byte and a signed 16-bit number, and pixels and window sizes:
 inline bool words_fit(const Range& range, const Window& window) {
   const int64_t reach = range.reach(), area = window.area();
@@ -94,7 +94,7 @@ class Cancel {
   void* whom_ = nullptr;
 };
 
-// ZNCC of int32 images of one channel where `doubles_fit`: as FusedKernel has it.
+// int32 images where `deep_fits`: as FusedKernel has it.
 struct DeepKernel {
   size_t (*scratch_bytes)(const Pair&, const FusedSettings&);
   void (*rows)(const Pair&, const FusedSettings&, const FusedOutput&, int begin, int end, void* scratch, const Cancel& cancel);

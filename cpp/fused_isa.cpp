@@ -1,4 +1,5 @@
 // One build of the streaming kernels, for the instruction set that STEREOPSIS_ISA names.
+#include "deep.hpp"
 #include "fused_gaussian.hpp"
 #include "fused_narrow.hpp"
 #include "fused_wide.hpp"
@@ -45,7 +46,7 @@ extern const DeepKernel deep;
 namespace {
 
 bool is_deep(const Pair& pair, const FusedSettings& settings, bool narrow) {
-  return !narrow && settings.cost == CostKind::zncc && pair.channels == 1 && doubles_fit(settings.range, settings.window);
+  return !narrow && deep_fits(settings.cost, settings.range, settings.window, pair.channels);
 }
 
 size_t scratch_bytes(const Pair& pair, const FusedSettings& settings, bool narrow) {

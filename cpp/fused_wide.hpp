@@ -1,6 +1,6 @@
-// The streaming kernel for everything that does not fit 32-bit sums: 16-bit images, float images (as 21-bit fixed
-// point) and the largest windows, in 64-bit integers; and for ZSAD, whose sums do not slide. Plain loops, compiled once
-// per instruction set; `static` and unnamed for the reason given in fused_narrow.hpp.
+// The streaming kernel for what no other serves: the largest windows, also of 16-bit and float images (as 21-bit fixed
+// point), in 64-bit integers; and ZSAD, whose sums do not slide. Plain loops, compiled once per instruction set; `static`
+// and unnamed for the reason given in fused_narrow.hpp.
 #pragma once
 
 #include <cstring>

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <exception>
 #include <mutex>
 #include <thread>
@@ -24,16 +23,15 @@ inline int resolve_threads(int threads) {
   return cores ? static_cast<int>(cores) : 1;
 }
 
-// Asks `interrupted` twenty times a second, and cancels all work once it says so.
+// Asks `interrupted`, which says itself how often it looks, and cancels all work once it says so.
 template <class Asked>
 class Asking {
  public:
   Asking(Asked& interrupted, std::atomic<bool>& cancelled) : interrupted_(interrupted), cancelled_(cancelled) {}
   bool ask() {
-    if (stopped_ || Clock::now() < next_) return stopped_;
+    if (stopped_) return true;
     stopped_ = interrupted_();
     if (stopped_) cancelled_.store(true);
-    next_ = Clock::now() + kPatience;
     return stopped_;
   }
   bool stopped() const { return stopped_; }
@@ -42,10 +40,8 @@ class Asking {
   }
 
  private:
-  using Clock = std::chrono::steady_clock;
   Asked& interrupted_;
   std::atomic<bool>& cancelled_;
-  Clock::time_point next_ = Clock::now() + kPatience;
   bool stopped_ = false;
 };
 

@@ -146,6 +146,15 @@ struct Table {
 
 // ---- rows of the volume --------------------------------------------------------------------------------------------------
 
+// Bytes may alias anything, the members of a class too: a function of its own, whose bounds and pointers no byte can change.
+static STEREOPSIS_NOINLINE void replace(const uint8_t* STEREOPSIS_RESTRICT raw, const size_t room, uint8_t* STEREOPSIS_RESTRICT old,
+                                        uint16_t* STEREOPSIS_RESTRICT column) {
+  for (size_t i = 0; i < room; ++i) {
+    column[i] = static_cast<uint16_t>(column[i] + raw[i] - old[i]);
+    old[i] = raw[i];
+  }
+}
+
 template <class Of>
 class Costs {
   using Stored = typename Of::Stored;
@@ -216,13 +225,8 @@ class Costs {
     for (size_t i = 0; i < room_; ++i) sums[i] = 0;
     for (int k = 0; k < columns_; ++k) {
       one(y, k - job_.box.left());
-      const uint8_t* STEREOPSIS_RESTRICT raw = raw_;
-      uint8_t* STEREOPSIS_RESTRICT old = kept + k * room_;
       uint16_t* STEREOPSIS_RESTRICT column = column_sums_ + k * room_;
-      for (size_t i = 0; i < room_; ++i) {
-        column[i] = static_cast<uint16_t>(column[i] + raw[i] - old[i]);
-        old[i] = raw[i];
-      }
+      replace(raw_, room_, kept + k * room_, column);
       if (out < 0) continue;
       for (size_t i = 0; i < room_; ++i) sums[i] = static_cast<uint16_t>(sums[i] + column[i]);
       const int x = k - (job_.box.width - 1);
@@ -288,6 +292,13 @@ void rows(const PixelJob& job, int begin, int end, void* scratch, const Cancel& 
 // So many pixels at a time.
 constexpr int kStretch = kCensusStretch;
 
+// Apart from the loops around it, which the compiler would else weave into it instead of taking many pixels at once.
+template <class T>
+[[maybe_unused]] static STEREOPSIS_NOINLINE void compare_one(const T* STEREOPSIS_RESTRICT first, const T* STEREOPSIS_RESTRICT second,
+                                                             const uint8_t bit, uint8_t* STEREOPSIS_RESTRICT bytes) {
+  for (int x = 0; x < kStretch; ++x) bytes[x] = static_cast<uint8_t>(bytes[x] | (first[x] < second[x] ? bit : 0));
+}
+
 // Up to eight comparisons make a byte of each pixel.
 template <class T>
 static STEREOPSIS_INLINE void compare(const T* here, const Comparison* comparisons, int count, uint8_t* STEREOPSIS_RESTRICT bytes) {
@@ -345,11 +356,8 @@ static STEREOPSIS_INLINE void compare(const T* here, const Comparison* compariso
   }
 #endif
   for (int x = 0; x < kStretch; ++x) bytes[x] = 0;
-  for (int k = 0; k < count; ++k) {
-    const T *STEREOPSIS_RESTRICT first = here + comparisons[k].first, *STEREOPSIS_RESTRICT second = here + comparisons[k].second;
-    const uint8_t bit = static_cast<uint8_t>(1 << k);
-    for (int x = 0; x < kStretch; ++x) bytes[x] = static_cast<uint8_t>(bytes[x] | (first[x] < second[x] ? bit : 0));
-  }
+  for (int k = 0; k < count; ++k)
+    compare_one(here + comparisons[k].first, here + comparisons[k].second, static_cast<uint8_t>(1 << k), bytes);
 }
 
 template <class T>

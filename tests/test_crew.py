@@ -114,3 +114,33 @@ if sys.argv[1] == "beside":
 def test_a_process_forks(when):
     """After matches, and while another thread is matching."""
     subprocess.run([sys.executable, "-c", FORKS, when], check=True, timeout=120)
+
+
+ENDS = """
+import sys, threading, time
+import numpy as np
+import stereopsis as st
+
+threads, height, width = map(int, sys.argv[1:])
+left = np.random.default_rng(3).integers(0, 256, (height, width, 3)).astype(np.uint8)
+right = np.roll(left, -7, axis=1)
+started = threading.Event()
+def others():
+    while True:
+        st.match(left, right, disparities=(0, 24), preset="balanced", threads=threads)
+        started.set()
+threading.Thread(target=others, daemon=True).start()
+started.wait()
+time.sleep(0.03)
+"""
+
+
+@pytest.mark.parametrize("shape", [(500, 700), (30, 40)], ids=["in the core", "in Python"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interpreter_ends_beside_a_match(threads, shape):
+    """A daemon thread that matches is left behind; the process ends as if it were not there."""
+    for _ in range(3):
+        ended = subprocess.run(
+            [sys.executable, "-c", ENDS, str(threads), *map(str, shape)], capture_output=True, timeout=120
+        )
+        assert (ended.returncode, ended.stderr) == (0, b"")

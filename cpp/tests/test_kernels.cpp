@@ -429,10 +429,18 @@ void test_bounds_of_sums() {
   for (const Pixels pixels : {Pixels::extreme, Pixels::words, Pixels::fixed})
     for (const CostKind cost : kCosts)
       compare(random, problem(random, pixels, 1, 3, 3, -1, 2, {255, 255}), cost, pixels != Pixels::extreme);
-  // 12 bits fit 32 up to 511 pixels, 21 and a sign a double's 53 up to 511 as well.
-  for (const Window window : {Window{73, 7}, {7, 73}, {64, 8}, {8, 64}})
+  // Products of 12 bits fit 32 up to 511 pixels, of 21 and a sign a double's 53 up to 511 as well; squared differences of 12 bits fit
+  // 31 up to 128 pixels, absolute ones of 16 bits up to 32768.
+  for (const Window window : {Window{73, 7}, {7, 73}, {64, 8}, {8, 64}, {64, 2}, {43, 3}})
     for (const Pixels pixels : {Pixels::camera, Pixels::fixed})
-      compare(random, problem(random, pixels, 3, 20, 1, -4, 20, window), CostKind::zncc);
+      for (const CostKind cost : kCosts)
+        if (cost != CostKind::zsad) compare(random, problem(random, pixels, 3, 20, 1, -4, 20, window), cost, cost == CostKind::zncc);
+  for (const Window window : {Window{255, 128}, {255, 129}})
+    compare(random, problem(random, Pixels::words, 2, 7, 1, -1, 3, window), CostKind::sad);
+  for (const Window window : {Window{17, 10}, {19, 9}, {7, 6}, {43, 1}})
+    for (const Pixels pixels : {Pixels::camera, Pixels::fixed})
+      for (const CostKind cost : kCosts)
+        if (cost != CostKind::zsad) compare(random, problem(random, pixels, 2, 20, 3, -4, 20, window), cost, false);
   for (const Window window : {Window{255, 1}, {1, 255}, {255, 2}, {2, 255}})
     for (const CostKind cost : kCosts) compare(random, problem(random, Pixels::extreme, 3, 20, 1, -4, 12, window), cost);
 }

@@ -13,7 +13,7 @@ namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
-constexpr int kBlock = kLanes / 2;  // vectors at once
+constexpr int kBlock = Simd::block < kLanes / 2 ? Simd::block : kLanes / 2;  // vectors at once
 constexpr int kChunk = 16;  // pixels whose costs are kept until their winners are taken
 
 static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }

@@ -1203,7 +1203,7 @@ class Narrow {
   // The least costs that a chunk keeps: its pixels' second best, their winners being struck out.
   STEREOPSIS_NOINLINE void take_second(int begin) {
     alignas(64) Scalar seconds[kChunk * kLanes];
-    constexpr int abreast = 8;  // as many minima as hide each other's latency
+    constexpr int abreast = kBlock;  // as many minima as hide each other's latency
     const size_t pitch = stride();
     for (int slot = 0; slot < kChunk; slot += abreast) {
       const Scalar* STEREOPSIS_RESTRICT costs = costs_of(begin + slot);

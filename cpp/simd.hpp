@@ -54,12 +54,21 @@ static STEREOPSIS_INLINE void unrolled(const Body& body) {
   }
 }
 
+// What is unrolled and instrumented takes minutes to compile: under the sanitizers it is less.
+static constexpr int at_once(int vectors) {
+#ifdef STEREOPSIS_SANITIZED
+  return vectors < 2 ? vectors : 2;
+#else
+  return vectors;
+#endif
+}
+
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
 
 struct Simd {
   static constexpr int lanes = 16;
-  static constexpr int block = 8;  // vectors of disparities held in registers at once
-  static constexpr int pixels = 2;  // and pixels whose costs are formed at once
+  static constexpr int block = at_once(8);  // vectors of disparities held in registers at once
+  static constexpr int pixels = 2;          // and pixels whose costs are formed at once
   using I = __m512i;
   using F = __m512;
   using D = __m512d;
@@ -222,7 +231,7 @@ struct Simd {
 
 struct Simd {
   static constexpr int lanes = 8;
-  static constexpr int block = 8;
+  static constexpr int block = at_once(8);
   static constexpr int pixels = 1;
   using I = __m256i;
   using F = __m256;

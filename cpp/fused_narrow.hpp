@@ -749,12 +749,12 @@ class Narrow {
 
     STEREOPSIS_INLINE void step(int pixels, int padded, size_t pitch) {
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-        split[c] -= pixels * kLanes;
-        mean[c] -= pixels * kLanes;
-        sum[c] -= pixels * kLanes;
+        if (Kind == CostKind::zssd) split[c] -= pixels * kLanes;
+        if (Kind == CostKind::zssd) mean[c] -= pixels * kLanes;
+        if (T::centred) sum[c] -= pixels * kLanes;
       });
-      offset -= pixels * kLanes;
-      scale -= pixels * kLanes;
+      if (has_offset) offset -= pixels * kLanes;
+      if (T::normalised) scale -= pixels * kLanes;
       sums += pixels * padded;
       costs += pixels * pitch;
     }
@@ -764,12 +764,12 @@ class Narrow {
     const int first = first_comb(x) + at;
     Views v;
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
-      v.split[c] = right_.split[c].combs + first;
-      v.mean[c] = right_.mean[c].combs + first;
-      v.sum[c] = right_.sum[c].combs + first;
+      if (Kind == CostKind::zssd) v.split[c] = right_.split[c].combs + first;
+      if (Kind == CostKind::zssd) v.mean[c] = right_.mean[c].combs + first;
+      if (T::centred) v.sum[c] = right_.sum[c].combs + first;
     });
-    v.offset = right_.offset.combs + first;
-    v.scale = right_.scale.combs + first;
+    if (has_offset) v.offset = right_.offset.combs + first;
+    if (T::normalised) v.scale = right_.scale.combs + first;
     v.put = put_ + at;
     v.index = index_ + at;
     v.sums = sums_ + static_cast<size_t>(x) * padded_ + at;

@@ -483,11 +483,14 @@ struct NccCost {
   double *left_more_, *right_more_, *left_scale_, *right_scale_, *scale_;
 };
 
+// What SSD and SAD share: a total of each window, over channels, to which twice a sum over both is added.
 template <class Of, class T, int C>
-struct SsdCost {
+class WithTotals {
+ public:
   using Sums = Of;
   using Number = T;
   using Vector = Numbers<T>;
+  using Left = typename Vector::Vector;
   static constexpr int channels = C;
   static constexpr T base = 0;
 
@@ -495,17 +498,29 @@ struct SsdCost {
     left_ = arena.take<T>(width);
     right_ = arena.take<T>(stats);
   }
-  void describe(const DeepWindows<C>& windows) {
-    for (int x = 0; x < windows.width; ++x) left_[x] = static_cast<T>(windows.total(windows.squares[0], x));
-    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_[j] = static_cast<T>(windows.total(windows.squares[1], x)); });
-  }
-
-  using Left = typename Vector::Vector;
   STEREOPSIS_INLINE Left left(int x) const { return Vector::set(left_[x]); }
+
+ protected:
+  void keep(const DeepWindows<C>& windows, const double* const (&rows)[2][C]) {
+    for (int x = 0; x < windows.width; ++x) left_[x] = static_cast<T>(windows.total(rows[0], x));
+    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_[j] = static_cast<T>(windows.total(rows[1], x)); });
+  }
+  STEREOPSIS_INLINE Left both(const Left& left, int j) const { return Vector::add(left, Vector::load(right_ + j)); }
+
+ private:
+  T *left_, *right_;
+};
+
+template <class Of, class T, int C>
+struct SsdCost : WithTotals<Of, T, C> {
+  using Vector = Numbers<T>;
+  using Left = typename Vector::Vector;
+
+  void describe(const DeepWindows<C>& windows) { this->keep(windows, windows.squares); }
   template <class Sum>
-  STEREOPSIS_INLINE auto value(Sum sum, const Left& left, int j) const {
+  STEREOPSIS_INLINE Left value(Sum sum, const Left& left, int j) const {
     const auto products = as_numbers(sum);
-    return Vector::add(Vector::add(left, Vector::load(right_ + j)), Vector::add(products, products));
+    return Vector::add(this->both(left, j), Vector::add(products, products));
   }
 
  private:
@@ -516,7 +531,6 @@ struct SsdCost {
     else
       return sum;
   }
-  T *left_, *right_;
 };
 
 template <class Of, int C>
@@ -595,30 +609,14 @@ struct ZssdCost {
 };
 
 template <class T, int C>
-struct SadCost {
-  using Sums = Lesser<T>;
-  using Number = T;
+struct SadCost : WithTotals<Lesser<T>, T, C> {
   using Vector = Numbers<T>;
-  static constexpr int channels = C;
-  static constexpr T base = 0;
-
-  void take(Arena& arena, const FusedSettings&, int width, int stats) {
-    left_ = arena.take<T>(width);
-    right_ = arena.take<T>(stats);
-  }
-  void describe(const DeepWindows<C>& windows) {
-    for (int x = 0; x < windows.width; ++x) left_[x] = static_cast<T>(windows.total(windows.sums[0], x));
-    windows.mirror([&](int x, int j) STEREOPSIS_INLINE_LAMBDA { right_[j] = static_cast<T>(windows.total(windows.sums[1], x)); });
-  }
-
   using Left = typename Vector::Vector;
-  STEREOPSIS_INLINE Left left(int x) const { return Vector::set(left_[x]); }
-  STEREOPSIS_INLINE Left value(typename Vector::Vector sum, const Left& left, int j) const {
-    return Vector::sub(Vector::add(left, Vector::load(right_ + j)), Vector::add(sum, sum));
-  }
 
- private:
-  T *left_, *right_;
+  void describe(const DeepWindows<C>& windows) { this->keep(windows, windows.sums); }
+  STEREOPSIS_INLINE Left value(Left sum, const Left& left, int j) const {
+    return Vector::sub(this->both(left, j), Vector::add(sum, sum));
+  }
 };
 
 }  // namespace

@@ -83,8 +83,6 @@ struct Simd {
     _mm_storeu_si128(reinterpret_cast<__m128i*>(p + 12), _mm512_extracti32x4_epi32(v, 3));
   }
   static STEREOPSIS_INLINE void store_last(float* p, F v) { _mm_storeu_ps(p + 12, _mm512_extractf32x4_ps(v, 3)); }
-  static STEREOPSIS_INLINE void store(int32_t* p, M m, I v) { _mm512_mask_storeu_epi32(p, m, v); }
-  static STEREOPSIS_INLINE void store(float* p, M m, F v) { _mm512_mask_storeu_ps(p, m, v); }
   static STEREOPSIS_INLINE I set(int32_t v) { return _mm512_set1_epi32(v); }
   static STEREOPSIS_INLINE F set(float v) { return _mm512_set1_ps(v); }
   static STEREOPSIS_INLINE I add(I a, I b) { return _mm512_add_epi32(a, b); }
@@ -96,7 +94,7 @@ struct Simd {
   static STEREOPSIS_INLINE F fused(F a, F b, F c) { return _mm512_fmadd_ps(a, b, c); }
   static STEREOPSIS_INLINE F to_float(I a) { return _mm512_cvtepi32_ps(a); }
   static STEREOPSIS_INLINE I bits(F a) { return _mm512_castps_si512(a); }
-  // Keeps a compiler from loading twice what is used twice: a load that crosses a cache line costs as much as two sums.
+  // Keeps a compiler from copying a sum that is to change where it is.
   static STEREOPSIS_INLINE I once(I a) {
 #if defined(__GNUC__)
     __asm__("" : "+v"(a));
@@ -135,7 +133,6 @@ struct Simd {
   static STEREOPSIS_INLINE M inside(I i, int lo, int hi) {
     return _mm512_cmplt_epu32_mask(_mm512_sub_epi32(i, set(lo)), set(hi - lo));
   }
-  static STEREOPSIS_INLINE M both(M a, M b) { return static_cast<M>(a & b); }
   static STEREOPSIS_INLINE F select(M m, F yes, F no) { return _mm512_mask_mov_ps(no, m, yes); }
   static STEREOPSIS_INLINE I select(M m, I yes, I no) { return _mm512_mask_mov_epi32(no, m, yes); }
   static STEREOPSIS_INLINE F min(F a, F b) { return _mm512_min_ps(a, b); }  // b where a is not a number
@@ -248,8 +245,6 @@ struct Simd {
     _mm_storeu_si128(reinterpret_cast<__m128i*>(p + 4), _mm256_extracti128_si256(v, 1));
   }
   static STEREOPSIS_INLINE void store_last(float* p, F v) { _mm_storeu_ps(p + 4, _mm256_extractf128_ps(v, 1)); }
-  static STEREOPSIS_INLINE void store(int32_t* p, M m, I v) { store(p, select(m, v, load(p))); }
-  static STEREOPSIS_INLINE void store(float* p, M m, F v) { store(p, select(m, v, load(p))); }
   static STEREOPSIS_INLINE I set(int32_t v) { return _mm256_set1_epi32(v); }
   static STEREOPSIS_INLINE F set(float v) { return _mm256_set1_ps(v); }
   static STEREOPSIS_INLINE I add(I a, I b) { return _mm256_add_epi32(a, b); }
@@ -354,7 +349,7 @@ struct Simd {
 // Plain arrays: what every compiler turns into whatever the machine has.
 struct Simd {
   static constexpr int lanes = 8;
-  static constexpr int block = 2;
+  static constexpr int block = at_once(2);
   static constexpr int pixels = 1;
   struct I {
     int32_t v[lanes];
@@ -379,8 +374,6 @@ struct Simd {
   static STEREOPSIS_INLINE void store(float* p, const F& v) { std::memcpy(p, v.v, sizeof v.v); }
   static STEREOPSIS_INLINE void store_last(int32_t* p, const I& v) { p[lanes - 1] = v.v[lanes - 1]; }
   static STEREOPSIS_INLINE void store_last(float* p, const F& v) { p[lanes - 1] = v.v[lanes - 1]; }
-  static STEREOPSIS_INLINE void store(int32_t* p, const M& m, const I& v) { store(p, select(m, v, load(p))); }
-  static STEREOPSIS_INLINE void store(float* p, const M& m, const F& v) { store(p, select(m, v, load(p))); }
   static STEREOPSIS_INLINE I set(int32_t v) { STEREOPSIS_EACH(I, v); }
   static STEREOPSIS_INLINE F set(float v) { STEREOPSIS_EACH(F, v); }
   // Sums wrap, as the vector instructions do; the totals that matter are bounded.
@@ -435,7 +428,6 @@ struct Simd {
   static STEREOPSIS_INLINE M inside(const I& a, int lo, int hi) {
     STEREOPSIS_EACH(M, -((a.v[i] >= lo) & (a.v[i] < hi)));
   }
-  static STEREOPSIS_INLINE M both(const M& a, const M& b) { STEREOPSIS_EACH(M, a.v[i] & b.v[i]); }
   static STEREOPSIS_INLINE F select(const M& m, const F& yes, const F& no) {
     STEREOPSIS_EACH(F, m.v[i] ? yes.v[i] : no.v[i]);
   }

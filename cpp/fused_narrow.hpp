@@ -33,12 +33,14 @@ using F = Simd::F;
 using M = Simd::M;
 constexpr int kLanes = Simd::lanes;
 constexpr int kBlock = Simd::block;
-constexpr int kSmallBlock = kBlock / 2;
+constexpr int kSmallBlock = kBlock > 1 ? kBlock / 2 : 1;
+constexpr int kLeastBlock = kSmallBlock > 1 ? kSmallBlock / 2 : 1;
 constexpr int kChunk = 16;                 // pixels whose costs are kept until their winners are taken
 constexpr int kStretch = 2 * kChunk;       // pixels whose combs are made at once
 constexpr int kSpare = static_cast<int>(kSpareBits), kSpareWidth = 4;
 constexpr int32_t kNeverLess = 0x7FC00000;  // put into any float's bits: not a number
-static_assert(kBlock <= kSpare + 1, "a vector's number within its block goes into the spare bits");
+constexpr int kGroup = kSpare + 1;  // vectors
+static_assert(kGroup % kBlock == 0, "a vector's number within its block, and within its group, goes into the spare bits");
 static_assert(kSpare + 1 == 1 << kSpareWidth && kLanes <= kSpare + 1 && kChunk == 16, "see by_lane, row_minima");
 
 static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
@@ -66,10 +68,19 @@ static void reverse_row(const uint8_t* STEREOPSIS_RESTRICT row, int count, uint8
   for (int j = 0; j < count; ++j) reversed[j] = row[count - 1 - j];
 }
 
+// Of one column, the bytes of the entering and the leaving row.
+static void interleave(const uint8_t* STEREOPSIS_RESTRICT entering, const uint8_t* STEREOPSIS_RESTRICT leaving, int count,
+                       int32_t* STEREOPSIS_RESTRICT pair) {
+  for (int j = 0; j + kLanes <= count; j += kLanes) Simd::store(pair + j, Simd::pairs(entering + j, leaving + j));
+  for (int j = count / kLanes * kLanes; j < count; ++j) pair[j] = pack16(entering[j], leaving[j]);
+}
+
+// The same of two columns, byte by byte.
 static void interleave(const uint8_t* STEREOPSIS_RESTRICT entering, const uint8_t* STEREOPSIS_RESTRICT leaving, int apart,
                        int count, int32_t* STEREOPSIS_RESTRICT quad) {
   for (int j = 0; j + kLanes <= count; j += kLanes)
-    Simd::store(quad + j, Simd::quads(entering + j, entering + j + apart, leaving + j, leaving + j + apart));
+    Simd::store(quad + j, Simd::add(Simd::pairs(entering + j, leaving + j),
+                                    Simd::times_256(Simd::pairs(entering + j + apart, leaving + j + apart))));
   for (int j = count / kLanes * kLanes; j < count; ++j)
     quad[j] = pack8(entering[j], entering[j + apart], leaving[j], leaving[j + apart]);
 }
@@ -306,6 +317,7 @@ class Narrow {
   using Met = typename std::conditional<T::keyed, int32_t, Scalar>::type;
   static constexpr Met nothing_met = worst_cost<Met>();
   static constexpr bool has_offset = T::squares && Kind != CostKind::zncc;
+  static constexpr bool split_bytes = T::squares && !Simd::has_dot8;  // into pairs of int16, once for all that meet them
 
  public:
   Narrow(const Pair& pair, const FusedSettings& settings, void* memory)
@@ -322,7 +334,7 @@ class Narrow {
     slide_ = arena_.template take<int32_t>(padded_);
     primed_ = arena_.template take<int32_t>(padded_);
     costs_ = arena_.template take<Scalar>(kept() * stride());
-    best_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * padded_);
+    best_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * kLanes * ((vectors_ + kGroup - 1) / kGroup));
     lane_bits_ = arena_.template take<int32_t>(kLanes);
     best_index_ = arena_.template take<int32_t>(kChunk * kLanes);
     index_ = arena_.template take<int32_t>(padded_);
@@ -330,6 +342,7 @@ class Narrow {
     place_ = arena_.template take<int32_t>(padded_ + 2) + 1;
     for (int c = 0; c < C; ++c) {
       right_.quad[c] = take_combed<int32_t>(quads_);
+      if (split_bytes) right_.older[c] = take_combed<int32_t>(quads_);
       weight_a_[c] = arena_.template take<int32_t>(columns_);
       weight_b_[c] = arena_.template take<int32_t>(columns_);
       left_column_[c] = arena_.template take<int32_t>(p_.width);
@@ -453,7 +466,12 @@ class Narrow {
         weigh_differences(padded_new_, padded_old_, we, wl, w, columns_, weight_a_[c], weight_b_[c]);
       mirror(rn, mirrored_new_);
       mirror(ro, mirrored_old_);
-      interleave(mirrored_new_, mirrored_old_, w, quads_, right_.quad[c].row);
+      if constexpr (split_bytes) {
+        interleave(mirrored_new_, mirrored_old_, quads_, right_.quad[c].row);
+        interleave(mirrored_new_ + w, mirrored_old_ + w, quads_, right_.older[c].row);
+      } else {
+        interleave(mirrored_new_, mirrored_old_, w, quads_, right_.quad[c].row);
+      }
     }
   }
 
@@ -473,13 +491,14 @@ class Narrow {
     U *row, *combs;
   };
   struct Rights {
-    Combed<int32_t> quad[C], split[C], mean[C], offset;
+    Combed<int32_t> quad[C], older[C], split[C], mean[C], offset;
     Combed<float> sum[C], scale;
 
     template <class Visit>
     STEREOPSIS_INLINE void each(Visit visit) {
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
         visit(quad[c]);
+        if constexpr (split_bytes) visit(older[c]);
         if constexpr (Kind == CostKind::zssd) visit(split[c]);
         if constexpr (Kind == CostKind::zssd) visit(mean[c]);
         if constexpr (T::centred) visit(sum[c]);
@@ -509,18 +528,29 @@ class Narrow {
       auto* const combs = one.combs;
       for (int m = vectors_ - 1; m >= 0; --m)
         Simd::store(combs + (m + kStretch) * kLanes, Simd::load(combs + m * kLanes));
-      if (vectors_ == kBlock) {
-        decltype(Simd::load(combs)) last[kBlock];
-        unrolled<kBlock>([&](auto v) STEREOPSIS_INLINE_LAMBDA { last[v] = Simd::load(combs + (kStretch + v) * kLanes); });
-        for (int m = kStretch - kBlock; m >= 0; m -= kBlock)
-          unrolled<kBlock>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
-            last[v] = Simd::shift_in(row[m + v], last[v]);
-            Simd::store(combs + (m + v) * kLanes, last[v]);
-          });
-      } else {
+      if (vectors_ <= kBlock)
+        move_on<kBlock>(row, combs);
+      else
         for (int m = kStretch - 1; m >= 0; --m)
           Simd::store(combs + m * kLanes, Simd::shift_in(row[m], Simd::load(combs + (m + vectors_) * kLanes)));
-      }
+    });
+  }
+
+  // The same for N vectors, in registers: of few of them, one would have to wait for another to reach memory.
+  template <int N, class U>
+  STEREOPSIS_INLINE void move_on(const U* row, U* combs) const {
+    if constexpr (N > 1)
+      if (vectors_ < N) return move_on<N - 1>(row, combs);
+    decltype(Simd::load(combs)) last[N];
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { last[v] = Simd::load(combs + (kStretch + v) * kLanes); });
+    int m = kStretch - N;
+    const auto move = [&](auto v) STEREOPSIS_INLINE_LAMBDA {
+      last[v] = Simd::shift_in(row[m + v], last[v]);
+      Simd::store(combs + (m + v) * kLanes, last[v]);
+    };
+    for (; m >= 0; m -= N) unrolled<N>(move);
+    unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
+      if (m + v >= 0) move(v);
     });
   }
 
@@ -531,7 +561,7 @@ class Narrow {
 
   // What one column brings to, and takes from, the change of the sums.
   struct Column {
-    const int32_t *quad[C], *weight_a[C], *weight_b[C];
+    const int32_t *quad[C], *older[C], *weight_a[C], *weight_b[C];
     I a[C], b[C], even;
 
     STEREOPSIS_INLINE void load() {
@@ -552,6 +582,7 @@ class Narrow {
     STEREOPSIS_INLINE void step(int back, int columns) {
       unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
         quad[c] -= back;
+        if (split_bytes) older[c] -= back;
         weight_a[c] += columns;
         weight_b[c] += columns;
       });
@@ -563,6 +594,7 @@ class Narrow {
     col.even = Simd::set(sad_even_);
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
       col.quad[c] = right_.quad[c].row + (columns_ - 1 - k);
+      if (split_bytes) col.older[c] = right_.older[c].row + (columns_ - 1 - k);
       col.weight_a[c] = weight_a_[c] + k;
       col.weight_b[c] = weight_b_[c] + k;
     });
@@ -572,24 +604,32 @@ class Narrow {
   // The last one of pixel x's window, by combs.
   STEREOPSIS_INLINE Column combed_column(int x, int at) const {
     Column col = column(x + s_.window.width - 1);
-    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { col.quad[c] = right_.quad[c].combs + first_comb(x) + at; });
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+      col.quad[c] = right_.quad[c].combs + first_comb(x) + at;
+      if (split_bytes) col.older[c] = right_.older[c].combs + first_comb(x) + at;
+    });
     return col;
   }
 
   // Of all channels, the right bytes that a column meets.
   struct Bytes {
-    I of[C];
+    I of[C], older[C];
   };
   static STEREOPSIS_INLINE Bytes bytes_at(const Column& col, int at) {
     Bytes bytes;
-    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { bytes.of[c] = Simd::load(col.quad[c] + at); });
+    unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+      bytes.of[c] = Simd::load(col.quad[c] + at);
+      if constexpr (split_bytes) bytes.older[c] = Simd::load(col.older[c] + at);
+    });
     return bytes;
   }
 
   static STEREOPSIS_INLINE I advance(I h, const Column& col, const Bytes& bytes) {
     unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
       const I v = bytes.of[c];
-      if constexpr (T::squares) {
+      if constexpr (split_bytes) {
+        h = Simd::dot16(Simd::dot16(h, v, col.a[c]), bytes.older[c], col.b[c]);
+      } else if constexpr (T::squares) {
         h = multiply_add(h, v, col.a[c], col.b[c]);
       } else {
         const I d = Simd::abs_diff8(v, col.a[c]);
@@ -632,6 +672,8 @@ class Narrow {
         visit(Constant<kBlock>{}, at);
       else if (size == kSmallBlock)
         visit(Constant<kSmallBlock>{}, at);
+      else if (size == kLeastBlock)
+        visit(Constant<kLeastBlock>{}, at);
       else
         visit(Constant<1>{}, at);
     }
@@ -643,7 +685,10 @@ class Narrow {
       I h[size];
       for (auto& v : h) v = Simd::set(0);
       Column col = column(0);
-      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA { col.quad[c] += at; });
+      unrolled<C>([&](auto c) STEREOPSIS_INLINE_LAMBDA {
+        col.quad[c] += at;
+        if (split_bytes) col.older[c] += at;
+      });
       slide_on<size, 1>(h, col, s_.window.width - 1, [](auto&) STEREOPSIS_INLINE_LAMBDA {});
       unrolled<size>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(primed_ + at + v * kLanes, h[v]); });
     });
@@ -855,12 +900,13 @@ class Narrow {
   int first_seen(int x) const { return most(0, x - p_.first - (p_.width - 1)); }
   int end_seen(int x) const { return least(p_.count, x - p_.first + 1); }
 
-  static int block_size(int rest) { return rest >= kBlock ? kBlock : rest >= kSmallBlock ? kSmallBlock : 1; }
+  static int block_size(int rest) { return rest >= kBlock ? kBlock : rest >= kSmallBlock ? kSmallBlock : rest >= kLeastBlock ? kLeastBlock : 1; }
 
   void match_row() {
     if (s_.left_right) {
       fill(T::worst, padded_, passing_);
       fill(nothing_met, blocks_ * padded_, met_);
+      met_row_ = 0;
     }
     prime_slide();
     first_combs();
@@ -875,6 +921,8 @@ class Narrow {
       if (s_.left_right) {
         int block = 0;
         each_block([&](auto size, int at) { take_right_block<size>(x, end, at, block++); });
+        met_row_ -= kChunk % vectors_;
+        met_row_ += met_row_ < 0 ? vectors_ : 0;
       }
       take_winners(x, end);
     }
@@ -923,6 +971,7 @@ class Narrow {
     unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { h[v] = Simd::load(slide_ + at + v * kLanes); });
     Column col = combed_column(begin, at);
     Views views = views_at(begin, at);
+    const int number = T::keyed ? at / kLanes % kGroup : at;  // of the first vector among those that share a minimum
     Scalar* best = best_of(at) + slot * kLanes;
     int32_t* best_index = best_index_ + slot * kLanes;
     const auto match = [&](auto pixels, int x) STEREOPSIS_INLINE_LAMBDA {
@@ -977,10 +1026,12 @@ class Narrow {
       });
       unrolled<P>([&](auto p) STEREOPSIS_INLINE_LAMBDA {
         if constexpr (T::keyed) {
+          if (number > 0)
+            b[p] = Simd::min(Simd::mark(b[p], Simd::set(-1), Simd::set(number)), Simd::load(best + p * kLanes));
           Simd::store(best + p * kLanes, b[p]);
         } else {
           bi[p] = Simd::add(bi[p], Simd::load(views.index));
-          if (at > 0) {
+          if (number > 0) {
             const Vector before = Simd::load(best + p * kLanes);
             const M better = Simd::less(b[p], before);
             b[p] = Simd::select(better, b[p], before);
@@ -1043,8 +1094,8 @@ class Narrow {
   Scalar* costs_of(int x) const { return costs_ + x % kept() * stride(); }
   int kept() const { return s_.uniqueness ? 2 * kChunk : kChunk; }
 
-  // The least costs of a chunk's pixels so far, lane by lane; of each block by itself where they are keyed.
-  Scalar* best_of(int at) const { return best_ + (T::keyed ? static_cast<size_t>(at) * kChunk : 0); }
+  // The least costs of a chunk's pixels so far, lane by lane; of each group by itself where they are keyed.
+  Scalar* best_of(int at) const { return best_ + (T::keyed ? static_cast<size_t>(at / kLanes / kGroup) * kLanes * kChunk : 0); }
 
   // These two of a whole chunk, whatever its end: loops of known length.
   STEREOPSIS_NOINLINE void take_indexed_winners(int32_t* STEREOPSIS_RESTRICT winner, Scalar* STEREOPSIS_RESTRICT least) {
@@ -1060,7 +1111,7 @@ class Narrow {
 
   STEREOPSIS_NOINLINE void take_keyed_winners(int32_t* STEREOPSIS_RESTRICT winner, Scalar* STEREOPSIS_RESTRICT least) {
     const I lane_bits = Simd::load(lane_bits_);
-    for (int v = 0; v < vectors_; v += block_size(vectors_ - v)) {
+    for (int v = 0; v < vectors_; v += kGroup) {
       int32_t keys[kChunk];
       const Scalar* best = best_of(v * kLanes);
       Simd::row_minima([&](int slot) STEREOPSIS_INLINE_LAMBDA { return by_lane(Simd::load(best + slot * kLanes), lane_bits); },
@@ -1111,9 +1162,7 @@ class Narrow {
     });
     const Scalar* costs = costs_of(begin) + at;
     const size_t pitch = stride();
-    const int comb = p_.width - 1 - begin + at / kLanes + N - 1;  // that passes the last vector
-    Passed passed(*this, block, at, comb);
-    for (int x = begin; x < end; ++x, costs += pitch) {
+    const auto pass = [&]() STEREOPSIS_INLINE_LAMBDA {
       unrolled<N>([&](auto w) STEREOPSIS_INLINE_LAMBDA {
         constexpr int v = N - 1 - w.value;
         const Vector value = Simd::load(costs + v * kLanes);
@@ -1123,8 +1172,21 @@ class Narrow {
       });
       b[0] = splat(T::worst);
       if constexpr (!T::keyed) index[0] = Simd::set(0);
-      passed.keep(b[N], index[N]);
-    }
+      costs += pitch;
+    };
+    const int comb = p_.width - 1 - begin + at / kLanes + N - 1;  // that passes the last vector
+    const int row = met_row_ + at / kLanes + N - 1;
+    Passed passed(*this, block, at, comb, row < vectors_ ? row : row - vectors_);
+    if (T::keyed && vectors_ == N && end - begin == kChunk)
+      passed.template keep_chunk<N>([&]() STEREOPSIS_INLINE_LAMBDA {
+        pass();
+        return b[N];
+      });
+    else
+      for (int x = begin; x < end; ++x) {
+        pass();
+        passed.keep(b[N], index[N]);
+      }
     if (end < p_.width) {
       unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA {
         Simd::store(passing_ + at + v * kLanes, b[v]);
@@ -1136,13 +1198,13 @@ class Narrow {
         passed.keep(b[v], index[v]);
       });
       // Who has not left by the last lane has moved on by one.
-      const size_t met = static_cast<size_t>(block) * padded_;
       size_t to = static_cast<size_t>(block) * stats_ + at / kLanes;
+      const int first = (at / kLanes + (p_.width - 1) * (vectors_ - 1)) % vectors_;
       for (int l = 1; l < kLanes; ++l)
-        for (int m = 0; m < vectors_; ++m, ++to) {
-          const size_t from = met + (at / kLanes + m) % vectors_ * kLanes + l;
-          right_met_[to] = met_[from];
-          if constexpr (!T::keyed) right_met_index_[to] = met_index_[from];
+        for (int m = 0, from = first; m < vectors_; ++m, ++to, from = from + 1 < vectors_ ? from + 1 : 0) {
+          const size_t met = static_cast<size_t>(block) * padded_ + from * kLanes + l;
+          right_met_[to] = met_[met];
+          if constexpr (!T::keyed) right_met_index_[to] = met_index_[met];
         }
     }
   }
@@ -1150,8 +1212,8 @@ class Narrow {
   // Where a block keeps what combs have met, one after another. Held by value, as `Views` are.
   class Passed {
    public:
-    STEREOPSIS_INLINE Passed(const Narrow& n, int block, int at, int comb)
-        : vectors_(n.vectors_), row_(comb % n.vectors_), lanes_(Simd::load(T::keyed ? n.lane_bits_ : n.index_ + at)) {
+    STEREOPSIS_INLINE Passed(const Narrow& n, int block, int at, int comb, int row)
+        : vectors_(n.vectors_), row_(row), lanes_(Simd::load(T::keyed ? n.lane_bits_ : n.index_ + at)) {
       const size_t leaving = static_cast<size_t>(block) * n.stats_ + comb + (kLanes - 1) * (n.vectors_ - 1);
       met_ = n.met_ + static_cast<size_t>(block) * n.padded_;
       leaving_ = n.right_met_ + leaving;
@@ -1178,6 +1240,23 @@ class Narrow {
         Simd::store(index_here, Simd::shift_in(0, index));
       }
       row_ = row_ > 0 ? row_ - 1 : vectors_ - 1;
+    }
+    // Of a chunk, whose combs come back within it, from N - 1 on.
+    template <int N, class Next>
+    STEREOPSIS_INLINE void keep_chunk(const Next& next) {
+      if constexpr (T::keyed) {
+        static_assert(kChunk % N == 0, "the next chunk starts where this did");
+        I met[N];
+        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { met[v] = Simd::load(met_ + v * kLanes); });
+        unrolled<kChunk>([&](auto p) STEREOPSIS_INLINE_LAMBDA {
+          constexpr int v = N - 1 - p.value % N;
+          const I now = Simd::min(by_lane(next(), lanes_), met[v]);
+          Simd::store_last(leaving_ - p.value, now);
+          met[v] = Simd::shift_in(nothing_met, now);
+        });
+        unrolled<N>([&](auto v) STEREOPSIS_INLINE_LAMBDA { Simd::store(met_ + v * kLanes, met[v]); });
+        leaving_ -= kChunk;
+      }
     }
 
    private:
@@ -1248,6 +1327,7 @@ class Narrow {
   Met *met_, *right_met_, *right_best_;
   int32_t *passing_index_, *met_index_, *right_met_index_;
   int blocks_ = 0;
+  int met_row_ = 0;  // where `met_` has the comb that passes the first vector next: first 0, the last vector's N - 1
   int32_t *weight_a_[C], *weight_b_[C];
   int32_t *left_column_[C], *left_square_[C], *right_column_[C], *right_square_[C];
   int32_t *left_mean_[C], *left_rest_[C];

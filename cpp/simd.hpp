@@ -202,13 +202,12 @@ struct Simd {
   // On pairs of int16, products and differences that fit them.
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm512_mullo_epi16(a, b); }
   static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm512_abs_epi16(_mm512_sub_epi16(a, b)); }
-  // The bytes of four rows side by side, one group of four a lane.
-  static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
+  // The bytes of two rows side by side, as pairs of int16.
+  static STEREOPSIS_INLINE I pairs(const uint8_t* low, const uint8_t* high) {
     const auto widen = [](const uint8_t* p) {
       return _mm512_cvtepu8_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(p)));
     };
-    return _mm512_or_si512(_mm512_or_si512(widen(a), _mm512_slli_epi32(widen(b), 8)),
-                           _mm512_or_si512(_mm512_slli_epi32(widen(c), 16), _mm512_slli_epi32(widen(d), 24)));
+    return _mm512_or_si512(widen(low), _mm512_slli_epi32(widen(high), 16));
   }
   static STEREOPSIS_INLINE I even_bytes(I a) { return _mm512_and_si512(a, _mm512_set1_epi32(0x00FF00FF)); }
   static STEREOPSIS_INLINE I odd_bytes(I a) { return _mm512_srli_epi16(a, 8); }
@@ -304,10 +303,31 @@ struct Simd {
     m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4E));
     return _mm_cvtsi128_si32(_mm_min_epi32(m, _mm_shuffle_epi32(m, 0xB1)));
   }
+  // The minima of 16 vectors, row(0) to row(15), eight at once: pairs are folded into one vector, halving what is left each time.
   template <class Row, class T>
   static STEREOPSIS_INLINE void row_minima(const Row& row, T* minima) {
-    for (int r = 0; r < 16; ++r) minima[r] = reduce_min(row(r));
+    for (int first = 0; first < 16; first += lanes) {
+      decltype(row(0)) a[lanes];
+      const auto fold = [&](auto r, auto apart) STEREOPSIS_INLINE_LAMBDA {
+        a[r] = min(low_pairs(a[r], a[r + apart]), high_pairs(a[r], a[r + apart]));
+      };
+      unrolled<lanes>([&](auto r) STEREOPSIS_INLINE_LAMBDA { a[r] = row(first + r); });
+      unrolled<4>([&](auto r) STEREOPSIS_INLINE_LAMBDA { fold(r, Constant<4>{}); });
+      unrolled<2>([&](auto r) STEREOPSIS_INLINE_LAMBDA { fold(r, Constant<2>{}); });
+      // Each half now holds four rows: r, r + 2, r + 4, r + 6.
+      store(minima + first, in_order(_mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7), min(low_halves(a[0], a[1]), high_halves(a[0], a[1]))));
+    }
   }
+  static STEREOPSIS_INLINE F low_pairs(F a, F b) { return _mm256_unpacklo_ps(a, b); }
+  static STEREOPSIS_INLINE F high_pairs(F a, F b) { return _mm256_unpackhi_ps(a, b); }
+  static STEREOPSIS_INLINE F low_halves(F a, F b) { return _mm256_permute2f128_ps(a, b, 0x20); }
+  static STEREOPSIS_INLINE F high_halves(F a, F b) { return _mm256_permute2f128_ps(a, b, 0x31); }
+  static STEREOPSIS_INLINE F in_order(I order, F a) { return _mm256_permutevar8x32_ps(a, order); }
+  static STEREOPSIS_INLINE I low_pairs(I a, I b) { return _mm256_unpacklo_epi32(a, b); }
+  static STEREOPSIS_INLINE I high_pairs(I a, I b) { return _mm256_unpackhi_epi32(a, b); }
+  static STEREOPSIS_INLINE I low_halves(I a, I b) { return _mm256_permute2x128_si256(a, b, 0x20); }
+  static STEREOPSIS_INLINE I high_halves(I a, I b) { return _mm256_permute2x128_si256(a, b, 0x31); }
+  static STEREOPSIS_INLINE I in_order(I order, I a) { return _mm256_permutevar8x32_epi32(a, order); }
   static STEREOPSIS_INLINE M equal(F a, F b) { return {_mm256_castps_si256(_mm256_cmp_ps(a, b, _CMP_EQ_OQ))}; }
   static STEREOPSIS_INLINE M equal(I a, I b) { return {_mm256_cmpeq_epi32(a, b)}; }
   static STEREOPSIS_INLINE I dot16(I acc, I a, I b) { return _mm256_add_epi32(acc, _mm256_madd_epi16(a, b)); }
@@ -329,12 +349,11 @@ struct Simd {
   static STEREOPSIS_INLINE I times_256(I a) { return _mm256_slli_epi32(a, 8); }
   static STEREOPSIS_INLINE I mul16(I a, I b) { return _mm256_mullo_epi16(a, b); }
   static STEREOPSIS_INLINE I abs_diff16(I a, I b) { return _mm256_abs_epi16(_mm256_sub_epi16(a, b)); }
-  static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
+  static STEREOPSIS_INLINE I pairs(const uint8_t* low, const uint8_t* high) {
     const auto widen = [](const uint8_t* p) {
       return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(p)));
     };
-    return _mm256_or_si256(_mm256_or_si256(widen(a), _mm256_slli_epi32(widen(b), 8)),
-                           _mm256_or_si256(_mm256_slli_epi32(widen(c), 16), _mm256_slli_epi32(widen(d), 24)));
+    return _mm256_or_si256(widen(low), _mm256_slli_epi32(widen(high), 16));
   }
   static STEREOPSIS_INLINE I even_bytes(I a) { return _mm256_and_si256(a, _mm256_set1_epi32(0x00FF00FF)); }
   static STEREOPSIS_INLINE I odd_bytes(I a) { return _mm256_srli_epi16(a, 8); }
@@ -491,10 +510,7 @@ struct Simd {
   static STEREOPSIS_INLINE I abs_diff16(const I& a, const I& b) {
     STEREOPSIS_EACH(I, both16(apart(low(a.v[i]), low(b.v[i])), apart(high(a.v[i]), high(b.v[i]))));
   }
-  static STEREOPSIS_INLINE I quads(const uint8_t* a, const uint8_t* b, const uint8_t* c, const uint8_t* d) {
-    STEREOPSIS_EACH(I, wrap(static_cast<uint32_t>(a[i]) | static_cast<uint32_t>(b[i]) << 8 |
-                            static_cast<uint32_t>(c[i]) << 16 | static_cast<uint32_t>(d[i]) << 24));
-  }
+  static STEREOPSIS_INLINE I pairs(const uint8_t* low, const uint8_t* high) { STEREOPSIS_EACH(I, both16(low[i], high[i])); }
   static STEREOPSIS_INLINE I even_bytes(const I& a) { STEREOPSIS_EACH(I, a.v[i] & 0x00FF00FF); }
   static STEREOPSIS_INLINE I odd_bytes(const I& a) { STEREOPSIS_EACH(I, (a.v[i] >> 8) & 0x00FF00FF); }
   static STEREOPSIS_INLINE uint32_t byte_diff(uint32_t a, uint32_t b, int shift) {

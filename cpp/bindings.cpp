@@ -541,14 +541,15 @@ void sgm_match(const Array<const uint64_t, 3>& left, const Array<const uint64_t,
 
 template <class T>
 void bind_move_rows(nb::module_& m) {
-  m.def("move_rows", [](const Array<const T, 3>& image, std::tuple<double, double, double> offset, T lowest, T highest,
-                        const Array<T, 3>& moved, int threads, const std::string& instructions) {
+  m.def("move_rows", [](const Array<const T, 3>& image, std::tuple<double, double, double, double> offset, T lowest,
+                        T highest, const Array<T, 3>& moved, int threads, const std::string& instructions) {
     const int H = image.shape(0), W = image.shape(1), C = image.shape(2);
     require(C == 1 || C == 3, "one channel or three");
     require_shape(moved, H, W, C);
     const RowKernels& kernels = choose_rows(instructions);
     run(threads, [&](const Workers& workers) {
-      move_rows<T>(image.data(), H, W, C, plane_of(offset), lowest, highest, moved.data(), kernels, workers);
+      const auto [a, b, c, twist] = offset;
+      move_rows<T>(image.data(), H, W, C, {a, b, c, twist}, lowest, highest, moved.data(), kernels, workers);
     });
   });
 }
@@ -875,8 +876,16 @@ NB_MODULE(_core, m) {
     require(count > 0 && slope > 0, "points, and a deviation above 0");
     require_shape(across, count);
     require_shape(down, count);
-    require_shape(field, 3);
+    require_shape(field, 4);
     return fit_rows(across.data(), down.data(), rows.data(), count, slope, settled, field.data());
+  });
+
+  m.def("unbow", [](const Array<float, 2>& disparity, float bow, float middle, float least, float most, bool of_right,
+                    int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    run(threads, [&](const Workers& workers) {
+      unbow(disparity.data(), H, W, {bow, middle, least, most, of_right}, workers);
+    });
   });
 
   m.def("merge_pass", [](const Array<const float, 2>& disparity, const Array<const float, 2>& confidence,

@@ -23,12 +23,27 @@ double median(std::vector<double>& values) {
   return values.size() % 2 ? *middle : 0.5 * (*std::max_element(values.begin(), middle) + *middle);
 }
 
-// The inverse of a symmetric matrix, given as 00, 01, 02, 11, 12, 22.
-void invert(const double (&m)[6], double (&inverse)[6]) {
-  const double a = m[3] * m[5] - m[4] * m[4], b = m[2] * m[4] - m[1] * m[5], c = m[1] * m[4] - m[2] * m[3];
-  const double determinant = m[0] * a + m[1] * b + m[2] * c;
-  const double adjoint[] = {a, b, c, m[0] * m[5] - m[2] * m[2], m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]};
-  for (int k = 0; k < 6; ++k) inverse[k] = adjoint[k] / determinant;
+constexpr int kTerms = 4;
+
+// The inverse of a symmetric, positive definite matrix, by Gauss-Jordan elimination.
+void invert(double (&m)[kTerms][kTerms], double (&inverse)[kTerms][kTerms]) {
+  for (int i = 0; i < kTerms; ++i)
+    for (int j = 0; j < kTerms; ++j) inverse[i][j] = i == j;
+  for (int k = 0; k < kTerms; ++k) {
+    const double pivot = m[k][k];
+    for (int j = 0; j < kTerms; ++j) {
+      m[k][j] /= pivot;
+      inverse[k][j] /= pivot;
+    }
+    for (int i = 0; i < kTerms; ++i) {
+      if (i == k) continue;
+      const double factor = m[i][k];
+      for (int j = 0; j < kTerms; ++j) {
+        m[i][j] -= factor * m[k][j];
+        inverse[i][j] -= factor * inverse[k][j];
+      }
+    }
+  }
 }
 
 }  // namespace
@@ -95,45 +110,42 @@ double fit_rows(const double* across, const double* down, const double* rows, in
                 double* field) {
   std::vector<double> rest(rows, rows + count);
   field[0] = median(rest);
-  field[1] = field[2] = 0;
-  double scale = 0, inverse[6] = {};
+  field[1] = field[2] = field[3] = 0;
+  double scale = 0, inverse[kTerms][kTerms] = {};
   for (int iteration = 0; iteration < 20; ++iteration) {
-    const auto residual = [&](int k) { return rows[k] - (field[0] + field[1] * across[k] + field[2] * down[k]); };
+    const auto residual = [&](int k) {
+      return rows[k] - (field[0] + field[1] * across[k] + field[2] * down[k] + field[3] * (across[k] * down[k]));
+    };
     for (int k = 0; k < count; ++k) rest[k] = std::fabs(residual(k));
     scale = std::max(1.4826 * median(rest), 0.01);
     const double prior = scale * scale / (slope * slope);
-    double normal[6] = {0, 0, 0, prior, 0, prior}, right[3] = {};
+    double normal[kTerms][kTerms] = {}, right[kTerms] = {};
+    for (int i = 1; i < kTerms; ++i) normal[i][i] = prior;
     for (int k = 0; k < count; ++k) {
       const double part = residual(k) / (2 * scale), decay = 1 + part * part, weight = 1 / (decay * decay);
-      const double x = weight * across[k], y = weight * down[k];
-      normal[0] += weight;
-      normal[1] += x;
-      normal[2] += y;
-      normal[3] += x * across[k];
-      normal[4] += x * down[k];
-      normal[5] += y * down[k];
-      right[0] += weight * rows[k];
-      right[1] += x * rows[k];
-      right[2] += y * rows[k];
+      const double term[kTerms] = {1, across[k], down[k], across[k] * down[k]};
+      for (int i = 0; i < kTerms; ++i) {
+        for (int j = 0; j < kTerms; ++j) normal[i][j] += weight * term[i] * term[j];
+        right[i] += weight * term[i] * rows[k];
+      }
     }
     invert(normal, inverse);
-    const double next[] = {inverse[0] * right[0] + inverse[1] * right[1] + inverse[2] * right[2],
-                           inverse[1] * right[0] + inverse[3] * right[1] + inverse[4] * right[2],
-                           inverse[2] * right[0] + inverse[4] * right[1] + inverse[5] * right[2]};
     double change = 0;
-    for (int i = 0; i < 3; ++i) {
-      change = std::max(change, std::fabs(next[i] - field[i]));
-      field[i] = next[i];
+    for (int i = 0; i < kTerms; ++i) {
+      double next = 0;
+      for (int j = 0; j < kTerms; ++j) next += inverse[i][j] * right[j];
+      change = std::max(change, std::fabs(next - field[i]));
+      field[i] = next;
     }
     if (change < settled) break;
   }
   // Weights like these use the points about half as well as least squares would; neighbours err alike.
   // Over the image a coordinate from -1/2 to 1/2 has a mean square of 1/12.
-  return 4 * scale * scale * (inverse[0] + (inverse[3] + inverse[5]) / 12);
+  return 4 * scale * scale * (inverse[0][0] + (inverse[1][1] + inverse[2][2]) / 12 + inverse[3][3] / 144);
 }
 
 template <class T>
-void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
+void move_rows(const T* image, int height, int width, int channels, const TwistedPlane& offset, T lowest, T highest, T* moved,
                const RowKernels& kernels, const Workers& workers) {
   const float range = static_cast<float>(static_cast<double>(highest) - lowest);
   const auto kernel = [&] {
@@ -164,14 +176,30 @@ void move_rows(const T* image, int height, int width, int channels, const Plane&
         const double start = y + offset.at(0, y) - whole;
         const auto row = [&](int k) { return image + std::min(std::max(whole + k, 0), height - 1) * stride; };
         const T* const rows[4] = {row(-1), row(0), row(1), row(2)};
-        kernel(rows, start, offset.a, x, low, channels, lowest, range, moved + y * stride);
+        kernel(rows, start, offset.slope(y), x, low, channels, lowest, range, moved + y * stride);
         x = low;
       }
     }
   });
 }
-template void move_rows(const uint8_t*, int, int, int, const Plane&, uint8_t, uint8_t, uint8_t*, const RowKernels&, const Workers&);
-template void move_rows(const int32_t*, int, int, int, const Plane&, int32_t, int32_t, int32_t*, const RowKernels&,
+template void move_rows(const uint8_t*, int, int, int, const TwistedPlane&, uint8_t, uint8_t, uint8_t*, const RowKernels&, const Workers&);
+template void move_rows(const int32_t*, int, int, int, const TwistedPlane&, int32_t, int32_t, int32_t*, const RowKernels&,
                         const Workers&);
+
+void unbow(float* disparity, int height, int width, const Bow& bow, const Workers& workers) {
+  const int64_t pixels = static_cast<int64_t>(height) * width;
+  quick_bands(height, pixels, 1 << 19, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
+      float* const row = disparity + static_cast<size_t>(y) * width;
+      for (int x = 0; x < width; ++x) {
+        const float before = row[x];
+        const float off = static_cast<float>(x) - bow.middle - (bow.of_right ? 0.0f : before);
+        const float after = before + bow.bow * (off * off);
+        const float low = before < bow.least ? before : bow.least, high = before > bow.most ? before : bow.most;
+        row[x] = after < low ? low : after > high ? high : after;
+      }
+    }
+  });
+}
 
 }  // namespace stereopsis

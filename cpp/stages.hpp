@@ -137,6 +137,12 @@ struct Plane {
   double a, b, c;
   double at(double x, double y) const { return a * x + (b * y + c); }
 };
+// A plane, and how much steeper along x it is with every row.
+struct TwistedPlane {
+  double a, b, c, twist;
+  double slope(double y) const { return a + twist * y; }
+  double at(double x, double y) const { return slope(y) * x + (b * y + c); }
+};
 // A plane that goes on level where it would fall below `floor`.
 struct Surface {
   Plane plane;
@@ -205,8 +211,16 @@ double fit_rows(const double* across, const double* down, const double* rows, in
                 double* field);
 // The image at (x, y + offset(x, y)), by cubic convolution along the column.
 template <class T>
-void move_rows(const T* image, int height, int width, int channels, const Plane& offset, T lowest, T highest, T* moved,
+void move_rows(const T* image, int height, int width, int channels, const TwistedPlane& offset, T lowest, T highest, T* moved,
                const RowKernels& kernels, const Workers& workers);
+
+// Adds bow (x - middle)^2 to disparities, in place, x being the column of the right image that a pixel, or where `of_right` it itself,
+// is; within [least, most] where they were.
+struct Bow {
+  float bow, middle, least, most;
+  bool of_right;
+};
+void unbow(float* disparity, int height, int width, const Bow& bow, const Workers& workers);
 
 // Pixels further off the mean around them, 5 x 5 by binomial weights, by `amount` 64ths; bytes stay bytes.
 template <class T>

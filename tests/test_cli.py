@@ -161,7 +161,7 @@ class TestMatch:
             {"name": "icm", "norm": "l1", "weight": 0.1, "truncation": None, "iterations": 10},
         ),
         "channels": ("separate", "separate"),
-        "vertical": ("0.5,0.25,0", [0.5, 0.25, 0.0]),
+        "vertical": ("0.5,0.25,0,1", [0.5, 0.25, 0.0, 1.0]),
         "sharpen": ("0.5", 0.5),
         "slant": ("road", "road"),
         "extra_windows": ("31,41x15", [[31, 31], [41, 15]]),

@@ -12,7 +12,7 @@ import stereopsis as st
 from reference import rectify as reference
 from stereopsis import Settings, _core, _instructions, datasets, rectify
 from stereopsis.rectify import Sights
-from stereopsis.types import Vertical
+from stereopsis.types import Disparities, Frame, Vertical
 
 SEEDS = some.integers(0, 2**32 - 1)
 DATA = Path(os.environ.get("STEREOPSIS_DATA") or Path(__file__).parents[2] / "shared" / "data")
@@ -35,12 +35,14 @@ def texture(x, y, seed):
 
 
 def misrectified(vertical, shape=(220, 400), disparity=12.3, seed=0, dtype=np.uint8):
-    """A wall whose right image lies too low by exactly `vertical`: nothing is resampled."""
+    """A wall whose right image lies too low by exactly `vertical`, bowed by it: nothing is resampled."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
-    a, b, c = vertical.across / (shape[1] - 1), vertical.down / (shape[0] - 1), vertical.offset
-    c -= (vertical.across + vertical.down) / 2
-    # What the right image shows on row y was on the row r with r + a x + b r + c = y.
-    left, right = texture(x, y, seed), texture(x + disparity, (y - a * x - c) / (1 + b), seed)
+    s, columns, rows = x / (shape[1] - 1) - 0.5, shape[1] - 1, shape[0] - 1
+    # What the right image shows on row y was on the row r with r + v(x, r) = y.
+    steep = vertical.down + vertical.keystone * s
+    row = (y - vertical.offset - vertical.across * s + steep / 2) / (1 + steep / rows)
+    bow = vertical.keystone * s**2 * columns / rows
+    left, right = texture(x, y, seed), texture(x - bow + disparity, row, seed)
     if dtype == np.uint16:
         left, right = 40 * left + 3000, 40 * right + 3000
     whole = np.rint if dtype != np.float32 else np.asarray
@@ -129,7 +131,9 @@ def test_a_track_arrives():
 
 @given(
     shape=some.tuples(some.integers(1, 12), some.integers(1, 40), some.sampled_from([1, 3])),
-    plane=some.tuples(some.floats(-0.2, 0.2), some.floats(-0.2, 0.2), some.floats(-20, 20)),
+    plane=some.tuples(
+        some.floats(-0.2, 0.2), some.floats(-0.2, 0.2), some.floats(-20, 20), some.floats(-0.01, 0.01)
+    ),
     dtype=some.sampled_from([np.uint8, np.int32]),
     threads=some.sampled_from([1, 3]),
     instructions=some.sampled_from(_core.instruction_sets()),
@@ -149,7 +153,7 @@ def test_rows_move_by_hand():
 
     def moved(c):
         out = np.empty_like(image)
-        _core.move_rows(image, (0.0, 0.0, c), 0, 50, out, 1, "")
+        _core.move_rows(image, (0.0, 0.0, c, 0.0), 0, 50, out, 1, "")
         return out.ravel().tolist()
 
     assert moved(0.0) == [0, 10, 20, 30, 40, 50]
@@ -168,8 +172,11 @@ def test_a_field_among_wrong_points():
     x, y = rng.uniform(0, 800, 400), rng.uniform(0, 300, 400)
     rows = 0.3 + 0.4 * (x / 800 - 0.5) - 0.2 * (y / 300 - 0.5) + rng.normal(0, 0.1, 400)
     rows[:100] = rng.uniform(-4, 4, 100)
-    assert rectify.fit(Sights(x, y, rows), (301, 801)) == pytest.approx((0.3, 0.4, -0.2), abs=0.05)
-    assert rectify.fit(Sights(x[:39], y[:39], rows[:39]), (301, 801)) == (0, 0, 0)
+    rows += 0.8 * (x / 800 - 0.5) * (y / 300 - 0.5)
+    found = rectify.fit(Sights(x, y, rows), (301, 801))
+    assert found == pytest.approx((0.3, 0.4, -0.2, 0.8), abs=0.15)
+    assert found[:3] == pytest.approx((0.3, 0.4, -0.2), abs=0.05)
+    assert rectify.fit(Sights(x[:39], y[:39], rows[:39]), (301, 801)) == Vertical(0.0)
 
 
 @given(count=some.integers(10, 60), slope=some.floats(0.05, 5), outliers=some.integers(0, 20), seed=SEEDS)
@@ -177,9 +184,9 @@ def test_a_field_among_wrong_points():
 def test_fits(count, slope, outliers, seed):
     rng = np.random.default_rng(seed)
     across, down = rng.uniform(-0.5, 0.5, (2, count))
-    rows = 0.4 - 0.3 * across + 0.2 * down + rng.normal(0, 0.1, count)
+    rows = 0.4 - 0.3 * across + 0.2 * down + 0.5 * across * down + rng.normal(0, 0.1, count)
     rows[:outliers] = rng.uniform(-4, 4, min(count, outliers))
-    found = np.empty(3)
+    found = np.empty(4)
     variance = _core.fit_rows(across, down, rows, slope, 0.0, found)
     expected, expected_variance = reference.fit(across, down, rows, slope, 0.0)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
@@ -190,7 +197,7 @@ def test_fits(count, slope, outliers, seed):
 def test_points_that_agree_on_nothing(deviation):
     rng = np.random.default_rng(4)
     x, y = rng.uniform(0, 800, 200), rng.uniform(0, 300, 200)
-    assert rectify.fit(Sights(x, y, rng.normal(0, deviation, 200)), (301, 801)) == (0, 0, 0)
+    assert rectify.fit(Sights(x, y, rng.normal(0, deviation, 200)), (301, 801)) == Vertical(0.0)
 
 
 def test_noise_is_hardly_ever_a_field():
@@ -220,6 +227,7 @@ def test_one_corner_says_little_about_the_rest():
         Vertical(0.3, 0.0, -0.6),
         Vertical(0.0, 400 * np.tan(np.radians(0.2)), 0.0),  # a roll of 0.2 degrees
         Vertical(1.8, 0.4, 0.0),
+        Vertical(0.2, 0.0, 0.3, 0.9),
     ],
 )
 def test_a_known_field_is_found_to_a_tenth_of_a_pixel(vertical, dtype):
@@ -229,10 +237,87 @@ def test_a_known_field_is_found_to_a_tenth_of_a_pixel(vertical, dtype):
     np.testing.assert_allclose(rectify.field(seen, shape), rectify.field(vertical, shape), atol=0.1)
 
 
+def test_a_turned_camera():
+    """`Vertical` and `unbowed` against the projection itself, but for a constant of columns."""
+    shape, focal, turn = (375, 1242), 720.0, 0.0018
+    y, x = np.mgrid[: shape[0] : 22, : shape[1] : 17].astype(np.float64)
+    u, v = x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2
+    angle = np.arctan(u / focal) + turn
+    seen = focal * np.tan(angle)  # columns from the middle
+    lower = v * np.cos(np.arctan(u / focal)) / np.cos(angle) - v
+    keystone = turn / focal * (shape[0] - 1) * (shape[1] - 1)
+    field = rectify.field(Vertical(0.0, keystone=keystone), shape)
+    np.testing.assert_allclose(field[::22, ::17], lower, atol=0.005)
+    # The right view's own map of a wall at 40 pixels, as far as the constant lets it.
+    measured = (40 - (seen - u) + turn * focal).astype(np.float32)
+    full = np.zeros(shape, np.float32)
+    full[::22, ::17] = measured
+    rectify.unbowed(full, Vertical(0.0, keystone=keystone), Disparities(0, 128), of_right=True)
+    assert np.abs(measured - 40).max() > 0.9
+    np.testing.assert_allclose(full[::22, ::17], 40, atol=0.005)
+
+
+def test_disparities_of_a_turned_camera():
+    vertical = Vertical(0.2, 0.1, 0.0, 1.2)
+    left, right = misrectified(vertical, shape=(200, 600))
+    chosen = Settings(disparities=(0, 32), cost=st.ZNCC(9), keep=("unfiltered", "right_disparity"), median=3)
+
+    def matched(given):
+        return st.match(left, right, settings=chosen.changed(vertical=given))
+
+    def errors(result):
+        return [
+            float(np.median(np.abs(each[:, -40:] - 12.3)))
+            for each in (result.disparity, result.stages["unfiltered"])
+        ]
+
+    assert min(errors(matched(vertical[:3]))) > 0.4
+    assert max(errors(matched(vertical))) < 0.1
+    assert max(errors(matched("estimate"))) < 0.2
+    # The right view's winners are whole before.
+    bow = 1.2 * np.linspace(-0.5, 0.5, 600) ** 2 * 599 / 199
+    winners = matched(vertical).stages["right_disparity"] - bow
+    np.testing.assert_allclose(winners[:, 60:-60], np.rint(winners[:, 60:-60]), atol=1e-4)
+
+
+@given(
+    shape=some.tuples(some.integers(1, 9), some.integers(1, 70)),
+    bow=some.floats(-0.0078125, 0.0078125, width=32),
+    middle=some.integers(-300, 300),
+    of_right=some.booleans(),
+    threads=some.sampled_from([1, 3]),
+    seed=SEEDS,
+)
+@settings(max_examples=60, deadline=None)
+def test_unbows(shape, bow, middle, of_right, threads, seed):
+    rng = np.random.default_rng(seed)
+    disparity = rng.uniform(-20, 80, shape).astype(np.float32)
+    disparity[rng.random(shape) < 0.2] = np.nan
+    expected = reference.unbowed(disparity, bow, middle / 2, -3, 60, of_right)
+    _core.unbow(disparity, bow, middle / 2, -3, 60, of_right, threads)
+    np.testing.assert_allclose(disparity, expected, rtol=1e-5, atol=1e-4)
+
+
+def test_parts_are_unbowed_like_the_whole():
+    whole = np.random.default_rng(2).uniform(0, 30, (40, 90)).astype(np.float32)
+    part, vertical = whole[7:30, 21:66].copy(), Vertical(0.1, 0.2, 0.3, -4.0)
+    before = part.copy()
+    rectify.unbowed(whole, vertical, Disparities(0, 40))
+    rectify.unbowed(part, vertical, Disparities(0, 40), frame=Frame((40, 90), 7, 21))
+    np.testing.assert_array_equal(part, whole[7:30, 21:66])
+    assert (part != before).any()
+    image = noise((40, 90, 1), 3)
+    np.testing.assert_allclose(
+        rectify.undone(image[7:30, 21:66], vertical, frame=Frame((40, 90), 7, 21))[3:-3].astype(int),
+        rectify.undone(image, vertical)[10:27, 21:66].astype(int),
+        atol=1,
+    )
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_where_there_is_none_nothing_changes(seed):
     left, right = misrectified(Vertical(0.0), seed=seed)
-    assert found(left, right) == (0, 0, 0)
+    assert found(left, right) == Vertical(0.0)
     settings = Settings(disparities=(0, 32), cost=st.ZNCC(9), left_right=1, fill="background")
     plain = st.match(left, right, settings=settings)
     assert bits(st.match(left, right, settings=settings, vertical="estimate")) == bits(plain)
@@ -245,11 +330,13 @@ def test_streets(shift):
     result = st.match(
         scene.left, right, disparities=(0, 64), preset="fast", vertical="estimate", keep="vertical"
     )
-    np.testing.assert_allclose(result.stages["vertical"], shift, atol=0.1)
+    off = result.stages["vertical"] - shift
+    assert np.sqrt(np.mean(off**2)) < 0.06
+    assert np.abs(off).max() < 0.15  # in a corner
     if shift:
         assert result.settings.vertical.offset == pytest.approx(shift, abs=0.1)
     else:
-        assert result.settings.vertical == (0, 0, 0)
+        assert result.settings.vertical == Vertical(0.0)
 
 
 def test_matching_gains():
@@ -269,7 +356,7 @@ def test_degenerate_images(shape, value):
     flat = np.full(shape, value, np.uint8)
     for left, right in ((flat, flat), (noise(shape), noise(shape, 1))):
         result = st.match(left, right, disparities=(-3, 9), cost=st.ZNCC(5), vertical="estimate")
-        assert result.settings.vertical == (0, 0, 0)
+        assert result.settings.vertical == Vertical(0.0)
         assert result.disparity.shape == shape
 
 
@@ -289,7 +376,7 @@ def test_threads_and_colour():
             for n in (1, 2, 7)
         ]
         assert bits(results[0]) == bits(results[1]) == bits(results[2])
-        assert results[0].settings.vertical == results[2].settings.vertical != (0, 0, 0)
+        assert results[0].settings.vertical == results[2].settings.vertical != Vertical(0.0)
 
 
 # ---- the setting ---------------------------------------------------------------------------------
@@ -327,6 +414,7 @@ def test_kept_where_nothing_was_asked():
         ("vertical=estimate", "estimate"),
         ("vertical=0.5", Vertical(0.5)),
         ("vertical=-0.5,0.2,0", Vertical(-0.5, 0.2, 0.0)),
+        ("vertical=-0.5,0.2,0,1.5", Vertical(-0.5, 0.2, 0.0, 1.5)),
         ("vertical=none", None),
     ],
 )
@@ -335,7 +423,7 @@ def test_as_text(text, value):
     assert Settings.from_toml(Settings(vertical=value).to_toml()).vertical == value
 
 
-@pytest.mark.parametrize("value", ["auto", (1, 2), (1, 2, "3"), float("nan"), True, 2000, [1, 2, 3, 4]])
+@pytest.mark.parametrize("value", ["auto", (1, 2), (1, 2, "3"), float("nan"), True, 2000, [1, 2, 3, 4, 5]])
 def test_what_is_refused(value):
     with pytest.raises(ValueError, match="vertical must be"):
         Settings(vertical=value)
@@ -377,3 +465,4 @@ def test_kitti_lies_too_low():
         for pair in pairs
     ]
     assert all(0.2 < field.offset < 0.5 and 0.3 < field.across < 0.9 for field in fields)
+    assert all(0.5 < field.keystone < 2 for field in fields)

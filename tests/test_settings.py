@@ -37,7 +37,8 @@ any_settings = some.builds(
     vertical=some.none()
     | some.just("estimate")
     | some.floats(-9, 9)
-    | some.tuples(*3 * [some.floats(-9, 9)]),
+    | some.tuples(*3 * [some.floats(-9, 9)])
+    | some.tuples(*4 * [some.floats(-9, 9)]),
     subpixel=some.sampled_from([None, "parabola", "equiangular"]),
     left_right=numbers,
     uniqueness=numbers,

@@ -328,6 +328,9 @@ def track(
     instructions: str,
     /,
 ) -> None: ...
+def unbow(
+    disparity: _F32, bow: float, middle: float, least: float, most: float, of_right: bool, threads: int, /
+) -> None: ...
 def fit_rows(across: _F64, down: _F64, rows: _F64, slope: float, settled: float, field: _F64, /) -> float: ...
 def merge_pass(
     disparity: _F32,

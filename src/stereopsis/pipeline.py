@@ -83,7 +83,7 @@ def match(
     disparities: tuple[int, int] | None = UNSET,
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
-    vertical: str | float | tuple[float, float, float] | None = UNSET,
+    vertical: str | float | tuple[float, ...] | None = UNSET,
     sharpen: float | str | None = UNSET,
     optimize: optimize.Optimizer | sgm.SGM | str | None = UNSET,
     slant: str | None = UNSET,
@@ -410,6 +410,14 @@ def _match(
             disparity = fill.outlines(disparity, filled, _seen(pair, pixels), chosen.threads)
             if chosen.median is not None:
                 disparity = refine.median(disparity, chosen.median, chosen.threads)
+
+    if isinstance(chosen.vertical, Vertical) and chosen.vertical.keystone:
+        with _timed(timings, "vertical"):
+            disparity = np.ascontiguousarray(disparity)
+            bowed = {"disparity": disparity, **stages}
+            for name in bowed.keys() & {"disparity", "unfiltered", "right_disparity"}:
+                known = chosen.vertical, chosen.disparities, chosen.threads, frame
+                rectify.unbowed(bowed[name], *known, of_right=name == "right_disparity")
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
@@ -1102,8 +1110,8 @@ def estimate_vertical(
     """Rows that the right image lies too low, from the pair's images alone.
 
     Points with texture in both directions are followed from the left image into the right one, in columns and
-    rows, from where a map of shrunken images (ZNCC 15 x 7, with its checks) has them; an affine field is
-    fitted to the rows that they moved.
+    rows, from where a map of shrunken images (ZNCC 15 x 7, with its checks) has them; a field of four terms
+    is fitted to the rows that they moved.
 
     Parameters
     ----------

@@ -2,14 +2,16 @@ r"""Misrectification: what the right image lies too low or too high, found from 
 
 A pair is rectified when each point lies on the same row of both images. Where a calibration has aged it does
 not: on public driving data a third of a pixel is common. Windows and census then see different rows.
-What is found here is the affine field
+What is found here is the field
 
 .. math::
-    v(x, y) = v_0 + v_x \left(\frac{x}{W - 1} - \frac12\right) + v_y \left(\frac{y}{H - 1} - \frac12\right)
+    v(x, y) = v_0 + v_x s + v_y t + v_{xy} s t,
+    \quad s = \frac{x}{W - 1} - \frac12, \quad t = \frac{y}{H - 1} - \frac12
 
 of rows that the right image lies too low: a left point at :math:`(x, y)` is seen at
-:math:`(x - d, y + v(x - d, y))`. It is a shift, a roll and a scale, which is what small errors of a camera's
-attitude and focal length make.
+:math:`(x - d, y + v(x - d, y))`. It is a shift, a roll, a scale and a keystone, which is what small errors of
+a camera's attitude and focal length make. A camera that is turned sideways makes the last, and with it bows
+the image by :math:`v_{xy} s^2 (W - 1) / (H - 1)` columns: so these are known too.
 """
 
 from __future__ import annotations
@@ -20,16 +22,16 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _instructions
-from stereopsis.types import DisparityMap, Frame, Halo, Vertical
+from stereopsis.types import Disparities, DisparityMap, Frame, Halo, Vertical
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
 
 COLUMNS = 400
 """The coarsest level of the pyramid is the first with at most so many columns, and never the image itself."""
-TILE = 18
+TILE = 12
 """A point is sought in each square of so many pixels, or more of a large image: in about `TILES` of them."""
-TILES = 700
+TILES = 1400
 STRIDE = 8
 """Every how many rows and columns of a tile."""
 REACH = (6, 4)
@@ -253,15 +255,15 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
     .. [1] S. Geman, D. E. McClure, Statistical methods for tomographic image reconstruction, Bulletin of the
        International Statistical Institute 52(4), 1987.
     """
-    none = Vertical(0.0, 0.0, 0.0)
+    none = Vertical(0.0)
     if len(seen.rows) < FEWEST:
         return none
     height, width = shape[:2]
     across, down = seen.x / max(1, width - 1) - 0.5, seen.y / max(1, height - 1) - 0.5
-    found = np.empty(3)
+    found = np.empty(4)
     deviation = _core.fit_rows(across, down, seen.rows, SLOPE, SETTLED, found)
     # Over the image a coordinate from -1/2 to 1/2 has a mean square of 1/12.
-    mean_square = found[0] ** 2 + (found[1] ** 2 + found[2] ** 2) / 12
+    mean_square = found[0] ** 2 + (found[1] ** 2 + found[2] ** 2) / 12 + found[3] ** 2 / 144
     if mean_square < max(LEAST**2, SIGNIFICANT**2 * deviation):
         return none
     # To a ten-thousandth of a pixel, so that no compiler decides the last bits of a match.
@@ -270,7 +272,8 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
 
 def halo(vertical: Vertical) -> Halo:
     """What `undone` depends on: the rows that it moves by, and a cubic's."""
-    rows = int(abs(vertical.offset) + 0.5 * (abs(vertical.across) + abs(vertical.down))) + 4
+    slopes = abs(vertical.across) + abs(vertical.down) + 0.5 * abs(vertical.keystone)
+    rows = int(abs(vertical.offset) + 0.5 * slopes) + 4
     return Halo(up=rows, down=rows)
 
 
@@ -301,24 +304,63 @@ def undone(
        doi:10.1109/TASSP.1981.1163711.
     """
     moved = np.empty_like(image)
-    a, b, c = _plane(vertical, image.shape if frame is None else frame.shape)
+    a, b, c, twist = _plane(vertical, image.shape if frame is None else frame.shape)
     least, most = int(image.min()), int(image.max())
     if frame is not None:
-        c += a * frame.left + b * frame.top
+        c += a * frame.left + b * frame.top + twist * frame.left * frame.top
+        a, b = a + twist * frame.top, b + twist * frame.left
         least, most = (least, most) if frame.limits is None else frame.limits[2:]
-    _core.move_rows(image, (a, b, c), least, most, moved, threads, _instructions.forced())
+    _core.move_rows(image, (a, b, c, twist), least, most, moved, threads, _instructions.forced())
     return moved
 
 
 def field(vertical: Vertical, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
     """Rows that each pixel of the right image lies too low, (H, W)."""
-    a, b, c = _plane(vertical, shape)
-    rows, columns = shape[:2]
-    values = a * np.arange(columns) + (b * np.arange(rows)[:, None] + c)
+    a, b, c, twist = _plane(vertical, shape)
+    x, y = np.arange(shape[1]), np.arange(shape[0])[:, None]
+    values = (a + twist * y) * x + (b * y + c)
     return values.astype(np.float32)
 
 
-def _plane(vertical: Vertical, shape: tuple[int, ...]) -> tuple[float, float, float]:
-    """As ``a x + b y + c``."""
-    a, b = vertical.across / max(1, shape[1] - 1), vertical.down / max(1, shape[0] - 1)
-    return a, b, vertical.offset - 0.5 * (vertical.across + vertical.down)
+def unbowed(
+    disparity: DisparityMap,
+    vertical: Vertical,
+    disparities: Disparities,
+    threads: int = 0,
+    frame: Frame | None = None,
+    of_right: bool = False,
+) -> None:
+    r"""Undo, in place, what a camera that is turned sideways does to disparities.
+
+    Turned by :math:`\omega` about its vertical axis, with a focal length of :math:`f` pixels, it sees a point
+    at :math:`(x, y)` from its middle at :math:`(x + \omega (f + x^2 / f),\; y + \omega x y / f)`. The rows
+    tell :math:`\omega / f`, and so what to add: :math:`x^2 \omega / f`, with the column of the right image
+    for :math:`x`. The constant :math:`\omega f` no image tells; a calibration takes it in.
+
+    Parameters
+    ----------
+    disparity : ndarray of float32, (H, W)
+        NaN stays NaN.
+    vertical : Vertical
+    disparities : Disparities
+        Within their ends disparities stay.
+    threads : int
+        0: all cores.
+    frame : Frame, optional
+        The whole image that this is a part of.
+    of_right : bool
+        Whether the map is the right view's.
+    """
+    height, width = disparity.shape if frame is None else frame.shape
+    bow = _plane(vertical, (height, width))[3]
+    middle = 0.5 * (width - 1) - (0 if frame is None else frame.left)
+    ends = disparities.min, disparities.max - 1
+    _core.unbow(disparity, bow, middle, *ends, of_right, threads)
+
+
+def _plane(vertical: Vertical, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
+    """As ``(a + twist y) x + b y + c``: a, b, c and the twist."""
+    offset, across, down, keystone = vertical
+    columns, rows = max(1, shape[1] - 1), max(1, shape[0] - 1)
+    a, b = (across - 0.5 * keystone) / columns, (down - 0.5 * keystone) / rows
+    return a, b, offset - 0.5 * (across + down) + 0.25 * keystone, keystone / (columns * rows)

@@ -152,10 +152,11 @@ class Settings:
     channels : {"grey", "separate"}
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
-    vertical : {"estimate"}, float, (float, float, float) or None
+    vertical : {"estimate"}, float, (float, float, float[, float]) or None
         Undo what the right image lies too low, before anything else: pixels that are known, over the whole
-        image or as a `Vertical` (in the middle, gained from left to right, gained from top to bottom), or
-        what is found in the images, "estimate". None: rows stay as they are.
+        image or as a `Vertical` (in the middle, gained from left to right, gained from top to bottom, and
+        what the second gains from top to bottom), or what is found in the images, "estimate". None: rows
+        stay as they are.
     sharpen : float, "auto" or None
         Sharpen both images before they are compared, for a census or ranks: by how much of the difference
         from the mean around, up to 4. "auto": as the left image is blurred. None: as they are.
@@ -542,8 +543,9 @@ def _checked(name: str, value: Any) -> Any:
             if value is None or value == "estimate":
                 return value
             parts = (value, 0, 0) if is_number(value) else value
-            if not isinstance(parts, tuple | list) or len(parts) != 3 or not all(map(is_number, parts)):
-                raise refuse('"estimate", pixels, three of them (middle, across, down), or None')
+            several = isinstance(parts, tuple | list) and len(parts) in (3, 4)
+            if not several or not all(map(is_number, parts)):
+                raise refuse('"estimate", pixels, 3 or 4 of them (middle, across, down, keystone), or None')
             if not all(abs(part) <= MAX_VERTICAL for part in parts):
                 raise refuse(f"at most {MAX_VERTICAL} pixels")
             return Vertical(*map(float, parts))

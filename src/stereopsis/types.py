@@ -65,7 +65,7 @@ class Disparities(NamedTuple):
 
 
 class Vertical(NamedTuple):
-    """Rows that the right image lies too low, as an affine field over its pixels.
+    """Rows that the right image lies too low, as a field over its pixels.
 
     Attributes
     ----------
@@ -75,11 +75,15 @@ class Vertical(NamedTuple):
         What it gains from the first column to the last.
     down : float
         What it gains from the first row to the last.
+    keystone : float
+        What `across` gains from the first row to the last: a camera that is turned sideways. Disparities are
+        bowed then, which is undone along with it (`rectify.unbowed`).
     """
 
     offset: float
     across: float = 0.0
     down: float = 0.0
+    keystone: float = 0.0
 
 
 class Sampling(NamedTuple):

@@ -73,9 +73,9 @@ def track(left, right, point, reach, iterations, motion):
 
 def fit(across, down, rows, slope, settled):
     """The field that most rows agree on, and its variance over the image."""
-    terms = np.stack((np.ones_like(across), across, down))
-    found = np.array([np.median(rows), 0.0, 0.0])
-    prior = np.diag([0.0, slope**-2, slope**-2])
+    terms = np.stack((np.ones_like(across), across, down, across * down))
+    found = np.array([np.median(rows), 0.0, 0.0, 0.0])
+    prior = np.diag([0.0, slope**-2, slope**-2, slope**-2])
     for _ in range(20):
         rest = rows - found @ terms
         scale = max(1.4826 * np.median(np.abs(rest)), 0.01)
@@ -85,14 +85,21 @@ def fit(across, down, rows, slope, settled):
         if np.abs(found - before).max() < settled:
             break
     spread = 4 * scale**2 * np.linalg.inv(normal)
-    return found, spread[0, 0] + (spread[1, 1] + spread[2, 2]) / 12
+    return found, spread[0, 0] + (spread[1, 1] + spread[2, 2]) / 12 + spread[3, 3] / 144
+
+
+def unbowed(disparity, bow, middle, least, most, of_right):
+    """Disparities with the bow of their right columns undone, in float64."""
+    x = np.arange(disparity.shape[1]) - middle - (0 if of_right else disparity.astype(np.float64))
+    low, high = np.fmin(disparity, least), np.fmax(disparity, most)
+    return np.where(np.isnan(disparity), np.nan, np.clip(disparity + bow * x**2, low, high))
 
 
 def move_rows(image, plane, lowest, highest):
-    """The image at ``(x, y + a x + b y + c)``, by cubic convolution, before rounding."""
+    """The image at ``(x, y + a x + b y + c + e x y)``, by cubic convolution, before rounding."""
     height, width = image.shape[:2]
     y, x = np.mgrid[:height, :width]
-    there = np.clip(y + plane[0] * x + plane[1] * y + plane[2], -2, height + 1)
+    there = np.clip(y + plane[0] * x + plane[1] * y + plane[2] + plane[3] * x * y, -2, height + 1)
     whole = np.floor(there).astype(int)
     t = (there - whole)[..., None]
     weights = (

@@ -269,8 +269,8 @@ def main() -> None:
     arithmetic, bandwidth = operation_rate(), copy_rate(columns * DISPARITIES[1])
     print(
         "\nFloors of one core: the innermost loop's vector operations at the rate of a matrix product's\n"
-        "multiply-adds; reading and writing every window sum once at the rate of a copy within the cache\n"
-        "that holds them.\n"
+        "multiply-adds, which some processors do fewer of than of plain operations: more than 100 % then;\n"
+        "reading and writing every window sum once at the rate of a copy within the cache that holds them.\n"
     )
     print(
         "| kernel | arithmetic floor | bandwidth floor | taken | of the larger floor |\n"

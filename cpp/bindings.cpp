@@ -871,13 +871,14 @@ NB_MODULE(_core, m) {
   });
 
   m.def("fit_rows", [](const Array<const double, 1>& across, const Array<const double, 1>& down,
-                       const Array<const double, 1>& rows, double slope, double settled, const Array<double, 1>& field) {
+                       const Array<const double, 1>& rows, double slope, double keystone, double settled,
+                       const Array<double, 1>& field) {
     const int count = rows.shape(0);
-    require(count > 0 && slope > 0, "points, and a deviation above 0");
+    require(count > 0 && slope > 0 && keystone > 0, "points, and deviations above 0");
     require_shape(across, count);
     require_shape(down, count);
     require_shape(field, 4);
-    return fit_rows(across.data(), down.data(), rows.data(), count, slope, settled, field.data());
+    return fit_rows(across.data(), down.data(), rows.data(), count, slope, keystone, settled, field.data());
   });
 
   m.def("unbow", [](const Array<float, 2>& disparity, float bow, float middle, float least, float most, bool of_right,

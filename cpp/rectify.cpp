@@ -106,8 +106,8 @@ void track(const uint8_t* left, const uint8_t* right, int height, int width, con
   });
 }
 
-double fit_rows(const double* across, const double* down, const double* rows, int count, double slope, double settled,
-                double* field) {
+double fit_rows(const double* across, const double* down, const double* rows, int count, double slope, double keystone,
+                double settled, double* field) {
   std::vector<double> rest(rows, rows + count);
   field[0] = median(rest);
   field[1] = field[2] = field[3] = 0;
@@ -118,9 +118,9 @@ double fit_rows(const double* across, const double* down, const double* rows, in
     };
     for (int k = 0; k < count; ++k) rest[k] = std::fabs(residual(k));
     scale = std::max(1.4826 * median(rest), 0.01);
-    const double prior = scale * scale / (slope * slope);
     double normal[kTerms][kTerms] = {}, right[kTerms] = {};
-    for (int i = 1; i < kTerms; ++i) normal[i][i] = prior;
+    normal[1][1] = normal[2][2] = scale * scale / (slope * slope);
+    normal[3][3] = scale * scale / (keystone * keystone);
     for (int k = 0; k < count; ++k) {
       const double part = residual(k) / (2 * scale), decay = 1 + part * part, weight = 1 / (decay * decay);
       const double term[kTerms] = {1, across[k], down[k], across[k] * down[k]};

@@ -204,11 +204,11 @@ void corners(const uint8_t* image, int height, int width, int tile, int stride, 
 // given, with each window's mean and gain removed. The correlation is NaN where a window leaves its image or is flat.
 void track(const uint8_t* left, const uint8_t* right, int height, int width, const int32_t* points, int count, int reach,
            int iterations, double* motion, double* correlation, const RowKernels& kernels, const Workers& workers);
-// The field f0 + f1 across + f2 down that most of `rows` agree on: weights (1 + r^2 / 4 s^2)^-2, s the robust deviation of the
+// The field f0 + f1 across + f2 down + f3 across down that most of `rows` agree on: weights (1 + r^2 / 4 s^2)^-2, s the robust deviation of the
 // residuals r, iterated from the median until nothing changes by `settled`; each slope is drawn towards 0 as if seen once with
-// a deviation of `slope`. Returns the variance of the field, on average over coordinates from -1/2 to 1/2.
-double fit_rows(const double* across, const double* down, const double* rows, int count, double slope, double settled,
-                double* field);
+// a deviation of `slope`, and f3 with one of `keystone`. Returns the variance of the field, on average over coordinates from -1/2 to 1/2.
+double fit_rows(const double* across, const double* down, const double* rows, int count, double slope, double keystone,
+                double settled, double* field);
 // The image at (x, y + offset(x, y)), by cubic convolution along the column.
 template <class T>
 void move_rows(const T* image, int height, int width, int channels, const TwistedPlane& offset, T lowest, T highest, T* moved,

@@ -179,16 +179,23 @@ def test_a_field_among_wrong_points():
     assert rectify.fit(Sights(x[:39], y[:39], rows[:39]), (301, 801)) == Vertical(0.0)
 
 
-@given(count=some.integers(10, 60), slope=some.floats(0.05, 5), outliers=some.integers(0, 20), seed=SEEDS)
+@given(
+    count=some.integers(10, 60),
+    slope=some.floats(0.05, 5),
+    keystone=some.floats(0.05, 5),
+    outliers=some.integers(0, 20),
+    seed=SEEDS,
+)
 @settings(max_examples=60, deadline=None)
-def test_fits(count, slope, outliers, seed):
+def test_fits(count, slope, keystone, outliers, seed):
     rng = np.random.default_rng(seed)
     across, down = rng.uniform(-0.5, 0.5, (2, count))
     rows = 0.4 - 0.3 * across + 0.2 * down + 0.5 * across * down + rng.normal(0, 0.1, count)
     rows[:outliers] = rng.uniform(-4, 4, min(count, outliers))
     found = np.empty(4)
-    variance = _core.fit_rows(across, down, rows, slope, 0.0, found)
-    expected, expected_variance = reference.fit(across, down, rows, slope, 0.0)
+    deviations = slope, keystone
+    variance = _core.fit_rows(across, down, rows, *deviations, 0.0, found)
+    expected, expected_variance = reference.fit(across, down, rows, *deviations, 0.0)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
     assert variance == pytest.approx(expected_variance, rel=1e-5)
 
@@ -209,6 +216,14 @@ def test_noise_is_hardly_ever_a_field():
         rows = rng.normal(0, deviation, count) if number % 2 else deviation * rng.standard_t(2, count)
         found += any(rectify.fit(Sights(x, y, np.clip(rows, -4, 4)), (301, 801)))
     assert found <= 3
+
+
+def test_a_wide_image_is_bowed_no_more_than_others():
+    rng = np.random.default_rng(8)
+    for shape in ((300, 400), (300, 1200), (100, 4000)):
+        x, y = rng.uniform(0, shape[1], 60), rng.uniform(0, shape[0], 60)
+        field = rectify.fit(Sights(x, y, 0.5 + rng.normal(0, 0.3, 60)), shape)
+        assert abs(field.keystone * shape[1] / shape[0] / 4) < 0.5
 
 
 def test_one_corner_says_little_about_the_rest():

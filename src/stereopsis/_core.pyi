@@ -331,7 +331,9 @@ def track(
 def unbow(
     disparity: _F32, bow: float, middle: float, least: float, most: float, of_right: bool, threads: int, /
 ) -> None: ...
-def fit_rows(across: _F64, down: _F64, rows: _F64, slope: float, settled: float, field: _F64, /) -> float: ...
+def fit_rows(
+    across: _F64, down: _F64, rows: _F64, slope: float, keystone: float, settled: float, field: _F64, /
+) -> float: ...
 def merge_pass(
     disparity: _F32,
     confidence: _F32,

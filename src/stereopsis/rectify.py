@@ -235,8 +235,9 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
     r"""The field that most points agree on; nothing where there is none worth undoing.
 
     Least squares with the weights :math:`(1 + r^2 / 4 s^2)^{-2}` of Geman and McClure [1]_, :math:`s` being
-    the residuals' robust deviation, iterated from the median. The slopes are drawn towards 0 as if each had
-    been seen once to be 0, with a deviation of `SLOPE`.
+    the residuals' robust deviation, iterated from the median. The slopes and the keystone are drawn towards 0
+    as if each had been seen once to be 0, with a deviation of `SLOPE`; of images more than four times as wide
+    as high the keystone more, so that the bow is expected to be as much.
 
     Parameters
     ----------
@@ -261,7 +262,9 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
     height, width = shape[:2]
     across, down = seen.x / max(1, width - 1) - 0.5, seen.y / max(1, height - 1) - 0.5
     found = np.empty(4)
-    deviation = _core.fit_rows(across, down, seen.rows, SLOPE, SETTLED, found)
+    # Nor is it one for a deep bow, which of a wide image little keystone makes.
+    keystone = SLOPE * min(1.0, 4 * height / width)
+    deviation = _core.fit_rows(across, down, seen.rows, SLOPE, keystone, SETTLED, found)
     # Over the image a coordinate from -1/2 to 1/2 has a mean square of 1/12.
     mean_square = found[0] ** 2 + (found[1] ** 2 + found[2] ** 2) / 12 + found[3] ** 2 / 144
     if mean_square < max(LEAST**2, SIGNIFICANT**2 * deviation):

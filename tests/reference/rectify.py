@@ -71,11 +71,11 @@ def track(left, right, point, reach, iterations, motion):
     raise AssertionError
 
 
-def fit(across, down, rows, slope, settled):
+def fit(across, down, rows, slope, keystone, settled):
     """The field that most rows agree on, and its variance over the image."""
     terms = np.stack((np.ones_like(across), across, down, across * down))
     found = np.array([np.median(rows), 0.0, 0.0, 0.0])
-    prior = np.diag([0.0, slope**-2, slope**-2, slope**-2])
+    prior = np.diag([0.0, slope**-2, slope**-2, keystone**-2])
     for _ in range(20):
         rest = rows - found @ terms
         scale = max(1.4826 * np.median(np.abs(rest)), 0.01)

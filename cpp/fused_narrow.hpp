@@ -69,8 +69,9 @@ static void reverse_row(const uint8_t* STEREOPSIS_RESTRICT row, int count, uint8
 }
 
 // Of one column, the bytes of the entering and the leaving row.
-static void interleave(const uint8_t* STEREOPSIS_RESTRICT entering, const uint8_t* STEREOPSIS_RESTRICT leaving, int count,
-                       int32_t* STEREOPSIS_RESTRICT pair) {
+[[maybe_unused]] static void interleave(const uint8_t* STEREOPSIS_RESTRICT entering,
+                                        const uint8_t* STEREOPSIS_RESTRICT leaving, int count,
+                                        int32_t* STEREOPSIS_RESTRICT pair) {
   for (int j = 0; j + kLanes <= count; j += kLanes) Simd::store(pair + j, Simd::pairs(entering + j, leaving + j));
   for (int j = count / kLanes * kLanes; j < count; ++j) pair[j] = pack16(entering[j], leaving[j]);
 }
@@ -333,7 +334,7 @@ class Narrow {
     sums_ = arena_.template take<int32_t>(static_cast<size_t>(p_.width) * padded_);
     slide_ = arena_.template take<int32_t>(padded_);
     primed_ = arena_.template take<int32_t>(padded_);
-    costs_ = arena_.template take<Scalar>(kept() * stride());
+    costs_ = arena_.template take<Scalar>(kChunk * stride());
     best_ = arena_.template take<Scalar>(static_cast<size_t>(kChunk) * kLanes * ((vectors_ + kGroup - 1) / kGroup));
     lane_bits_ = arena_.template take<int32_t>(kLanes);
     best_index_ = arena_.template take<int32_t>(kChunk * kLanes);
@@ -406,7 +407,7 @@ class Narrow {
       place_[i] = i % vectors_ * kLanes + i / vectors_;
       index_[place_[i]] = i;
     }
-    for (size_t i = 0; i < kept() * stride(); ++i) costs_[i] = T::worst;
+    for (size_t i = 0; i < kChunk * stride(); ++i) costs_[i] = T::worst;
     each_block([&](auto size, int at) {
       for (int j = 0; j < size * kLanes; ++j) put_[at + j] = index_[at + j] < p_.count ? j / kLanes : kNeverLess;
     });
@@ -914,8 +915,6 @@ class Narrow {
       const int end = least(x + kChunk, p_.width);
       if (x % kStretch == 0) next_combs(x);
       each_block([&](auto size, int at) { match_block<size>(x, end, at); });
-      // Of the chunk before: by now what was struck out has reached the cache, where vectors can be read across it.
-      if (s_.uniqueness && x > 0) take_second(x - kChunk);
       if constexpr (T::is_float)
         if (volume_row_) hand_out_costs(x, end);
       if (s_.left_right) {
@@ -925,9 +924,9 @@ class Narrow {
         met_row_ += met_row_ < 0 ? vectors_ : 0;
       }
       take_winners(x, end);
+      if (s_.uniqueness) take_second(x);
     }
     if (s_.left_right) show_right_winners();
-    if (s_.uniqueness) take_second((p_.width - 1) / kChunk * kChunk);
   }
 
   Sight sight(int x) const {
@@ -1090,9 +1089,8 @@ class Narrow {
     }
   }
 
-  // What is kept of pixel x's costs, until those of the next chunk but one.
-  Scalar* costs_of(int x) const { return costs_ + x % kept() * stride(); }
-  int kept() const { return s_.uniqueness ? 2 * kChunk : kChunk; }
+  // What is kept of pixel x's costs, until those of the next chunk.
+  Scalar* costs_of(int x) const { return costs_ + x % kChunk * stride(); }
 
   // The least costs of a chunk's pixels so far, lane by lane; of each group by itself where they are keyed.
   Scalar* best_of(int at) const { return best_ + (T::keyed ? static_cast<size_t>(at / kLanes / kGroup) * kLanes * kChunk : 0); }

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 import stereopsis as st
-from stereopsis import confidence, datasets
+from stereopsis import confidence, datasets, rectify
 from stereopsis.reliability import reliability
 from stereopsis.settings import Settings
 from stereopsis.sparsification import sparsification
@@ -89,12 +89,15 @@ def maps(sample: datasets.Sample, settings: Settings) -> Maps:
     disparities = 0, ndisp or 128
     chosen = settings.changed(confidence="calibrated", least_confidence=None, disparities=disparities)
     with mock.patch.object(confidence, "probability", wraps=confidence.probability) as asked:
-        st.match(pair, settings=chosen)
+        used = st.match(pair, settings=chosen).settings
     *given, model, _ = asked.call_args.args
     truth, mask = sample.truth(), sample.mask()
     assert truth is not None
+    surface = np.array(given[0])
+    if isinstance(used.vertical, st.Vertical):
+        rectify.unbowed(surface, used.vertical, st.Disparities(*disparities))
     known = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
-    return Maps(tuple(given), confidence.probability(*given, model), np.abs(given[0] - truth), known)
+    return Maps(tuple(given), confidence.probability(*given, model), np.abs(surface - truth), known)
 
 
 def fit(found: Sequence[datasets.Dataset], settings: Sequence[Settings]) -> Iterator[Floats]:

@@ -1142,14 +1142,14 @@ void test_move_rows() {
     std::vector<T> image(static_cast<size_t>(H) * W * C), moved(image.size());
     for (T& pixel : image) pixel = static_cast<T>(random.below(256));
     const Workers workers{random.between(1, 4), [] { return false; }};
-    move_rows<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift)}, 0, 255, moved.data(), any_rows(random), workers);
+    move_rows<T>(image.data(), H, W, C, {0, 0, static_cast<double>(shift), 0}, 0, 255, moved.data(), any_rows(random), workers);
     bool right = true;
     for (int y = 0; y < H; ++y)
       for (int i = 0; i < W * C; ++i) right = right && moved[y * W * C + i] == image[clamp(y + shift, 0, H - 1) * W * C + i];
     CHECK(right, text(H) + "x" + text(W) + " by " + text(shift));
     // Steep fields leave the image above and below; what they find there is the edge.
-    move_rows<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8}, 0, 255, moved.data(), any_rows(random), workers);
-    move_rows<T>(image.data(), H, W, C, {0.4, 0.3, -3.7}, 0, 255, moved.data(), any_rows(random), workers);
+    move_rows<T>(image.data(), H, W, C, {-7.3, 1e6, -3e8, 4e4}, 0, 255, moved.data(), any_rows(random), workers);
+    move_rows<T>(image.data(), H, W, C, {0.4, 0.3, -3.7, -0.2}, 0, 255, moved.data(), any_rows(random), workers);
   }
 }
 
@@ -1214,14 +1214,39 @@ void test_fit_rows() {
   for (int k = 0; k < 90; ++k) {
     across.push_back(random.between(-50, 50) * 0.01);
     down.push_back(random.between(-50, 50) * 0.01);
-    rows.push_back(k % 3 ? 0.5 + 0.25 * across[k] - 0.75 * down[k] : random.between(-400, 400) * 0.01);
+    const double field = 0.5 + 0.25 * across[k] - 0.75 * down[k] + 1.5 * across[k] * down[k];
+    rows.push_back(k % 3 ? field : random.between(-400, 400) * 0.01);
   }
-  double field[3];
-  const double variance = fit_rows(across.data(), down.data(), rows.data(), 90, 0.5, 1e-6, field);
+  double field[4];
+  const double variance = fit_rows(across.data(), down.data(), rows.data(), 90, 0.5, 2, 1e-6, field);
   CHECK(std::fabs(field[0] - 0.5) < 0.01 && std::fabs(field[1] - 0.25) < 0.02 && std::fabs(field[2] + 0.75) < 0.02,
         std::to_string(field[0]) + " " + std::to_string(field[1]) + " " + std::to_string(field[2]));
+  CHECK(std::fabs(field[3] - 1.5) < 0.1, std::to_string(field[3]));
   CHECK(variance > 0 && variance < 1e-3, std::to_string(variance));
-  CHECK(fit_rows(across.data(), down.data(), rows.data(), 1, 0.5, 1e-6, field) > 0 && std::isfinite(field[1]), "one point");
+  CHECK(fit_rows(across.data(), down.data(), rows.data(), 1, 0.5, 0.5, 1e-6, field) > 0 && std::isfinite(field[3]), "one point");
+}
+
+void test_unbow() {
+  Random random{28};
+  for (int round = 0; round < 60; ++round) {
+    const int H = random.between(1, 9), W = random.between(1, 40);
+    std::vector<float> disparity(static_cast<size_t>(H) * W);
+    for (float& d : disparity) d = random.below(5) ? random.between(-20, 60) * 0.5f : std::numeric_limits<float>::quiet_NaN();
+    const std::vector<float> before = disparity;
+    const Bow bow{random.between(-8, 8) * 0.001f, 0.5f * static_cast<float>(W - 1), -4, 20, round % 2 == 0};
+    unbow(disparity.data(), H, W, bow, {random.between(1, 4), [] { return false; }});
+    bool right = true;
+    for (int k = 0; k < H * W; ++k) {
+      if (std::isnan(before[k])) {
+        right = right && std::isnan(disparity[k]);
+        continue;
+      }
+      const double x = k % W - bow.middle - (bow.of_right ? 0 : before[k]), after = before[k] + bow.bow * x * x;
+      const double low = std::min<double>(before[k], -4), high = std::max<double>(before[k], 20);
+      right = right && std::fabs(disparity[k] - std::min(std::max(after, low), high)) < 1e-4;
+    }
+    CHECK(right, text(H) + "x" + text(W));
+  }
 }
 
 void test_merging() {
@@ -2137,6 +2162,7 @@ int main() {
   timed("sharpening, words", test_sharpen<int32_t>);
   timed("corners and tracks", test_corners_and_tracks);
   timed("fitting rows", test_fit_rows);
+  timed("bowed disparities", test_unbow);
   timed("merging", test_merging);
   timed("winning costs", test_winning_costs);
   timed("interruption", test_interruption);

@@ -95,7 +95,7 @@ def maps(sample: datasets.Sample, settings: Settings) -> Maps:
     assert truth is not None
     surface = np.array(given[0])
     if isinstance(used.vertical, st.Vertical):
-        rectify.unbowed(surface, used.vertical, st.Disparities(*disparities))
+        rectify.unbow(surface, used.vertical, st.Disparities(*disparities))
     known = np.isfinite(truth) if mask is None else np.isfinite(truth) & mask
     return Maps(tuple(given), confidence.probability(*given, model), np.abs(surface - truth), known)
 

@@ -21,10 +21,6 @@ using F = Simd::F;
 using D = Simd::D;
 constexpr int kLanes = Simd::lanes;
 
-static STEREOPSIS_INLINE int32_t pack16(int low, int high) {
-  return static_cast<int32_t>((static_cast<uint32_t>(low) & 0xFFFF) | (static_cast<uint32_t>(high) << 16));
-}
-
 // ---- vectors of as many numbers as there are lanes -------------------------------------------------------------------------
 
 struct Doubles {
@@ -147,52 +143,12 @@ struct WordProducts {
   }
 };
 
-// Minus the products where `deep_doubles_fit`: doubles are exact, whether products are rounded before they are added or not.
-struct DoubleProducts {
-  using Number = double;
-  using Vector = Numbers<double>;
-  double *in, *out, *weights;
-  int window;
-
-  void take(Arena& arena, int columns, int reach, int window_width) {
-    window = window_width;
-    in = arena.take<double>(reach + window);
-    out = arena.take<double>(reach + window);
-    weights = arena.take<double>(4 * static_cast<size_t>(columns));
-  }
-  void change(const DeepRows& rows) {
-    for (int j = 0; j < rows.reach + window; ++j) in[j] = rows.right_in[j];
-    for (int j = 0; j < rows.reach + window; ++j) out[j] = rows.right_out[j];
-    for (int k = 0; k < rows.columns; ++k) {
-      weights[4 * k] = -rows.left_in[k];
-      weights[4 * k + 1] = rows.older(rows.left_in, k);
-      weights[4 * k + 2] = rows.left_out[k];
-      weights[4 * k + 3] = -rows.older(rows.left_out, k);
-    }
-  }
-
-  struct Column {
-    Doubles in_new, in_old, out_new, out_old;
-    const double *in, *out, *in_older, *out_older;
-  };
-  STEREOPSIS_INLINE Column column(int k, int j) const {
-    const double* const w = weights + 4 * static_cast<size_t>(k);
-    return {Vector::set(w[0]), Vector::set(w[1]), Vector::set(w[2]), Vector::set(w[3]), in + j, out + j, in + j + window, out + j + window};
-  }
-  static STEREOPSIS_INLINE Doubles advance(Doubles sum, const Column& column, int at) {
-    sum = Vector::add_product(sum, column.in_new, Vector::load(column.in + at));
-    sum = Vector::add_product(sum, column.in_old, Vector::load(column.in_older + at));
-    sum = Vector::add_product(sum, column.out_new, Vector::load(column.out + at));
-    return Vector::add_product(sum, column.out_old, Vector::load(column.out_older + at));
-  }
-};
-
-// The lesser of both pixels, since |l - r| = l + r - 2 min(l, r): of 32 bits, that may wrap, or doubles.
+// Of each column four pixels: of the row that enters and of the one that leaves, of the column that enters the window and of the one that
+// leaves it.
 template <class T>
-struct Lesser {
+struct FourPixels {
   using Number = T;
   using Vector = Numbers<T>;
-  static constexpr int32_t none = INT32_MIN / 2;  // below every pixel; what has not entered enters and leaves as this
   T *in, *out, *lefts;
   int window;
 
@@ -202,14 +158,15 @@ struct Lesser {
     out = arena.take<T>(reach + window);
     lefts = arena.take<T>(4 * static_cast<size_t>(columns));
   }
-  void change(const DeepRows& rows) {
+  // Left ones times their signs; `none` stands for what has not entered.
+  void keep(const DeepRows& rows, int32_t none, const int (&sign)[4]) {
     for (int j = 0; j < rows.reach + window; ++j) in[j] = static_cast<T>(rows.right_in[j]);
     for (int j = 0; j < rows.reach + window; ++j) out[j] = static_cast<T>(rows.right_out[j]);
     for (int k = 0; k < rows.columns; ++k) {
-      lefts[4 * k] = static_cast<T>(rows.left_in[k]);
-      lefts[4 * k + 1] = static_cast<T>(rows.older(rows.left_in, k, none));
-      lefts[4 * k + 2] = static_cast<T>(rows.left_out[k]);
-      lefts[4 * k + 3] = static_cast<T>(rows.older(rows.left_out, k, none));
+      lefts[4 * k] = static_cast<T>(sign[0] * rows.left_in[k]);
+      lefts[4 * k + 1] = static_cast<T>(sign[1] * rows.older(rows.left_in, k, none));
+      lefts[4 * k + 2] = static_cast<T>(sign[2] * rows.left_out[k]);
+      lefts[4 * k + 3] = static_cast<T>(sign[3] * rows.older(rows.left_out, k, none));
     }
   }
 
@@ -221,6 +178,27 @@ struct Lesser {
     const T* const l = lefts + 4 * static_cast<size_t>(k);
     return {Vector::set(l[0]), Vector::set(l[1]), Vector::set(l[2]), Vector::set(l[3]), in + j, out + j, in + j + window, out + j + window};
   }
+};
+
+// Minus the products where `deep_doubles_fit`: doubles are exact, whether products are rounded before they are added or not.
+struct DoubleProducts : FourPixels<double> {
+  void change(const DeepRows& rows) { keep(rows, 0, {-1, 1, 1, -1}); }
+  static STEREOPSIS_INLINE Doubles advance(Doubles sum, const Column& column, int at) {
+    sum = Vector::add_product(sum, column.in_new, Vector::load(column.in + at));
+    sum = Vector::add_product(sum, column.in_old, Vector::load(column.in_older + at));
+    sum = Vector::add_product(sum, column.out_new, Vector::load(column.out + at));
+    return Vector::add_product(sum, column.out_old, Vector::load(column.out_older + at));
+  }
+};
+
+// The lesser of both pixels, since |l - r| = l + r - 2 min(l, r): of 32 bits, that may wrap, or doubles.
+template <class T>
+struct Lesser : FourPixels<T> {
+  using Vector = Numbers<T>;
+  using Column = typename FourPixels<T>::Column;
+  static constexpr int32_t none = INT32_MIN / 2;  // below every pixel; what has not entered enters and leaves as this
+
+  void change(const DeepRows& rows) { this->keep(rows, none, {1, 1, 1, 1}); }
   static STEREOPSIS_INLINE auto advance(typename Vector::Vector sum, const Column& column, int at) {
     const auto entered = Vector::sub(Vector::min(column.in_new, Vector::load(column.in + at)),
                                      Vector::min(column.in_old, Vector::load(column.in_older + at)));

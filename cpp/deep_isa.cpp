@@ -16,14 +16,6 @@ namespace {
 constexpr int kBlock = Simd::block < kLanes / 2 ? Simd::block : kLanes / 2;  // vectors at once
 constexpr int kChunk = 16;  // pixels whose costs are kept until their winners are taken
 
-static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
-static STEREOPSIS_INLINE int least(int a, int b) { return a < b ? a : b; }
-static STEREOPSIS_INLINE int most(int a, int b) { return a > b ? a : b; }
-template <class T>
-static void fill(T value, int count, T* STEREOPSIS_RESTRICT values) {
-  for (int x = 0; x < count; ++x) values[x] = value;
-}
-
 static void change_columns(const int32_t* STEREOPSIS_RESTRICT in, const int32_t* STEREOPSIS_RESTRICT out, int count,
                            double* STEREOPSIS_RESTRICT sums, double* STEREOPSIS_RESTRICT squares) {
   for (int x = 0; x < count; ++x) {

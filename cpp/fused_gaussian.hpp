@@ -81,11 +81,6 @@ static void reversed(const int32_t* STEREOPSIS_RESTRICT from, int count, int32_t
   for (int x = 0; x < count; ++x) to[x] = from[count - 1 - x];
 }
 
-template <class T>
-static void fill(T* to, T value, int count) {
-  for (int i = 0; i < count; ++i) to[i] = value;
-}
-
 // Adds the weighed values, and squares, of a pair of rows.
 static void add_moments(const int32_t* STEREOPSIS_RESTRICT pairs, int32_t above, int32_t below, int count,
                         int32_t* STEREOPSIS_RESTRICT sum, int32_t* STEREOPSIS_RESTRICT square) {
@@ -132,7 +127,7 @@ class KnotMaker {
 
   // Before the first row; memory is zero.
   void start() {
-    fill(tag_, INT32_MIN, slots_);
+    fill(INT32_MIN, slots_, tag_);
     for (int k = 0; k <= g_.spline; ++k) spline_taps_[k] = splines_.weights[g_.spline + k];
     const int span = rows_span();
     if (g_.stride > 1) {
@@ -198,15 +193,15 @@ class KnotMaker {
         pair_up(images[side] + above, images[side] + below, C, W, plain(s, c, side));
       const int before = -first_column_;
       int32_t* l = left(s, c);
-      fill(l, plain(s, c, 0)[0], before);
+      fill(plain(s, c, 0)[0], before, l);
       std::memcpy(l + before, plain(s, c, 0), W * sizeof *l);
-      fill(l + before + W, plain(s, c, 0)[W - 1], columns_ - before - W);
+      fill(plain(s, c, 0)[W - 1], columns_ - before - W, l + before + W);
       const int last = first_column_ + columns_ - 1 - p_.first;  // right column of entry 0
       const int in = clamp_to(last - (W - 1), 0, mirrored_), out = clamp_to(last + 1, in, mirrored_);
       int32_t* r = right(s, c);
-      fill(r, plain(s, c, 1)[W - 1], in);
+      fill(plain(s, c, 1)[W - 1], in, r);
       if (out > in) reversed(plain(s, c, 1) + (last - out + 1), out - in, r + in);
-      fill(r + out, plain(s, c, 1)[0], mirrored_ - out);
+      fill(plain(s, c, 1)[0], mirrored_ - out, r + out);
     }
   }
 
@@ -403,7 +398,7 @@ class GaussianRows {
   void start() {
     const int s = g_.stride;
     for (int i = 0; i < g_.padded; ++i) index_[i] = i;
-    fill(costs_, worst, static_cast<int>(kSlots * pitch()));
+    fill(worst, static_cast<int>(kSlots * pitch()), costs_);
     if (s == 1) {
       knots_->start();
       spline_[1] = 1;
@@ -539,8 +534,8 @@ class GaussianRows {
 
   void match_row() {
     if (s_.left_right) {
-      fill(right_best_, worst, stats_);
-      fill(right_index_, -1, stats_);
+      fill(worst, stats_, right_best_);
+      fill(-1, stats_, right_index_);
     }
     // As many whole stretches between knots as there is room for.
     const int s = g_.stride, chunk = kSlots / s * s;

@@ -43,12 +43,6 @@ constexpr int kGroup = kSpare + 1;  // vectors
 static_assert(kGroup % kBlock == 0, "a vector's number within its block, and within its group, goes into the spare bits");
 static_assert(kSpare + 1 == 1 << kSpareWidth && kLanes <= kSpare + 1 && kChunk == 16, "see by_lane, row_minima");
 
-static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
-static STEREOPSIS_INLINE int least(int a, int b) { return a < b ? a : b; }
-static STEREOPSIS_INLINE int most(int a, int b) { return a > b ? a : b; }
-static STEREOPSIS_INLINE int32_t pack16(int low, int high) {
-  return static_cast<int32_t>((static_cast<uint32_t>(low) & 0xFFFF) | (static_cast<uint32_t>(high) << 16));
-}
 static STEREOPSIS_INLINE int32_t pack8(int a, int b, int c, int d) {
   return static_cast<int32_t>((static_cast<uint32_t>(a) & 255) | (static_cast<uint32_t>(b) & 255) << 8 |
                               (static_cast<uint32_t>(c) & 255) << 16 | (static_cast<uint32_t>(d) & 255) << 24);
@@ -234,11 +228,6 @@ static void split_right(const int32_t* STEREOPSIS_RESTRICT sums, const int32_t* 
 
 static void to_floats(const int32_t* STEREOPSIS_RESTRICT from, int count, float* STEREOPSIS_RESTRICT to) {
   for (int x = 0; x < count; ++x) to[x] = static_cast<float>(from[x]);
-}
-
-template <class T>
-static void fill(T value, int count, T* STEREOPSIS_RESTRICT values) {
-  for (int x = 0; x < count; ++x) values[x] = value;
 }
 
 // Of `vectors` vectors in order: the same with element l * vectors + m in lane l of vector m.

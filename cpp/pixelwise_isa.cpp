@@ -12,7 +12,6 @@ namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
-static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
 
 // Costs are made for so many candidates at a time: what holds a pixel's candidates has room for a multiple of it.
 constexpr int kLanes = 64;

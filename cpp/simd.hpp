@@ -63,6 +63,18 @@ static constexpr int at_once(int vectors) {
 #endif
 }
 
+// In place of std:: templates, which other units share.
+static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
+static STEREOPSIS_INLINE int least(int a, int b) { return a < b ? a : b; }
+static STEREOPSIS_INLINE int most(int a, int b) { return a > b ? a : b; }
+static STEREOPSIS_INLINE int32_t pack16(int low, int high) {
+  return static_cast<int32_t>((static_cast<uint32_t>(low) & 0xFFFF) | (static_cast<uint32_t>(high) << 16));
+}
+template <class T>
+static void fill(T value, int count, T* STEREOPSIS_RESTRICT values) {
+  for (int x = 0; x < count; ++x) values[x] = value;
+}
+
 #if STEREOPSIS_ISA_LEVEL >= STEREOPSIS_ISA_avx512
 
 struct Simd {

@@ -214,8 +214,8 @@ template <class T>
 void move_rows(const T* image, int height, int width, int channels, const TwistedPlane& offset, T lowest, T highest, T* moved,
                const RowKernels& kernels, const Workers& workers);
 
-// Adds bow (x - middle)^2 to disparities, in place, x being the column of the right image that a pixel, or where `of_right` it itself,
-// is; within [least, most] where they were.
+// Adds bow (x - middle)^2 to disparities, in place, x being the column of the right image: the one that a left pixel matches, or in the
+// right view's map a pixel's own. What lies within [least, most] stays there.
 struct Bow {
   float bow, middle, least, most;
   bool of_right;

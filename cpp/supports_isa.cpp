@@ -9,8 +9,6 @@ namespace stereopsis {
 namespace STEREOPSIS_ISA {
 namespace {
 
-static STEREOPSIS_INLINE int clamp(int v, int lo, int hi) { return v < lo ? lo : v > hi ? hi : v; }
-
 // How many candidates are taken at a time; Reversed holds as many more than there are.
 constexpr int kCandidates = kSupportCandidates;
 

@@ -414,10 +414,12 @@ def _match(
     if isinstance(chosen.vertical, Vertical) and chosen.vertical.keystone:
         with _timed(timings, "vertical"):
             disparity = np.ascontiguousarray(disparity)
-            bowed = {"disparity": disparity, **stages}
-            for name in bowed.keys() & {"disparity", "unfiltered", "right_disparity"}:
-                known = chosen.vertical, chosen.disparities, chosen.threads, frame
-                rectify.unbowed(bowed[name], *known, of_right=name == "right_disparity")
+            known = chosen.vertical, chosen.disparities, chosen.threads, frame
+            rectify.unbow(disparity, *known)
+            if "unfiltered" in stages:
+                rectify.unbow(stages["unfiltered"], *known)
+            if "right_disparity" in stages:
+                rectify.unbow(stages["right_disparity"], *known, of_right=True)
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)

@@ -29,7 +29,7 @@ Floats = npt.NDArray[np.float64]
 
 COLUMNS = 400
 """The coarsest level of the pyramid is the first with at most so many columns, and never the image itself."""
-TILE = 12
+TILE = 15
 """A point is sought in each square of so many pixels, or more of a large image: in about `TILES` of them."""
 TILES = 1400
 STRIDE = 8
@@ -325,7 +325,7 @@ def field(vertical: Vertical, shape: tuple[int, ...]) -> npt.NDArray[np.float32]
     return values.astype(np.float32)
 
 
-def unbowed(
+def unbow(
     disparity: DisparityMap,
     vertical: Vertical,
     disparities: Disparities,

@@ -77,7 +77,7 @@ class Vertical(NamedTuple):
         What it gains from the first row to the last.
     keystone : float
         What `across` gains from the first row to the last: a camera that is turned sideways. Disparities are
-        bowed then, which is undone along with it (`rectify.unbowed`).
+        bowed then, which is undone along with it (`rectify.unbow`).
     """
 
     offset: float

@@ -960,18 +960,35 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.def("relief", [](const Array<const float, 3>& planes, float calm, float unit, const Array<uint8_t, 2>& out, int threads) {
+    const int C = planes.shape(0), H = planes.shape(1), W = planes.shape(2);
+    require(unit > 0, "unit is above 0");
+    require_shape(out, H, W);
+    run(threads, [&](const Workers& workers) { relief(planes.data(), C, H, W, calm, unit, out.data(), workers); });
+  });
+
   m.def("flood", [](const Array<const uint8_t, 2>& relief, const Array<uint8_t, 2>& out) {
     const int H = relief.shape(0), W = relief.shape(1);
     require_shape(out, H, W);
     run(1, [&](const Workers& workers) { flood(relief.data(), H, W, out.data(), workers); });
   });
 
-  m.def("label", [](const Array<const uint8_t, 2>& inside, const Array<int32_t, 2>& out) {
+  m.def("keep_regions", [](const Array<const uint8_t, 2>& inside, const Array<const uint8_t, 2>& marked, bool majority,
+                           const Array<uint8_t, 2>& out) {
     const int H = inside.shape(0), W = inside.shape(1);
+    require_shape(marked, H, W);
     require_shape(out, H, W);
-    int count = 0;
-    run(1, [&](const Workers& workers) { count = label(inside.data(), H, W, out.data(), workers); });
-    return count;
+    run(1, [&](const Workers& workers) { keep_regions(inside.data(), marked.data(), H, W, majority, out.data(), workers); });
+  });
+
+  m.def("noise_means", [](const Array<const float, 3>& image, int height, int width, const Array<double, 3>& out, int threads) {
+    const int H = image.shape(0), W = image.shape(1), C = image.shape(2), rows = out.shape(0), columns = out.shape(1);
+    require(height >= 1 && width >= 1, "a block has rows and columns");
+    require(static_cast<int64_t>(rows) * height + 2 <= H && static_cast<int64_t>(columns) * width + 2 <= W, "blocks lie inside the image");
+    require_shape(out, rows, columns, C);
+    run(threads, [&](const Workers& workers) {
+      noise_means(image.data(), W, C, {rows, columns, height, width}, out.data(), workers);
+    });
   });
 
   m.def("median", [](const Array<const float, 2>& disparity, int size, const Array<float, 2>& out, int threads,

@@ -260,11 +260,21 @@ void refuse_speckle(int height, int width, int area, float difference, const Ref
 // it. The first column is the image's column `left`.
 void cut_off(const float* disparity, int height, int width, int left, int area, float difference, float nearer,
              uint8_t* cut_off, const RowKernels& kernels, const Workers& workers);
+// The largest gradient of any channel, along rows or columns, after two blurs by binomial weights of 3 x 3, edges repeated, less
+// `calm`, in `unit`s, from 0 to 255.
+void relief(const float* planes, int channels, int height, int width, float calm, float unit, uint8_t* relief,
+            const Workers& workers);
 // How high a flood from above the first row has to rise to reach each pixel: over all 4-connected paths from the first row,
 // the least of the path's highest relief.
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);
-// Numbers the 4-connected regions of `inside` 1, 2, ... in the order of their first pixels; 0 outside. Returns how many.
-int label(const uint8_t* inside, int height, int width, int32_t* region, const Workers& workers);
+// Keeps those 4-connected regions of `inside` most of which is marked, or, without `majority`, the others; all are 0 or 1.
+void keep_regions(const uint8_t* inside, const uint8_t* marked, int height, int width, bool majority, uint8_t* kept,
+                  const Workers& workers);
+// Mean magnitude of the response to (1, -2, 1; -2, 4, -2; 1, -2, 1) in each block, of each channel.
+struct NoiseBlocks {
+  int rows, columns, height, width;
+};
+void noise_means(const float* image, int width, int channels, const NoiseBlocks& blocks, double* means, const Workers& workers);
 // NaN and 0 where there is a flag, else the map and its confidence.
 void accept(const float* disparity, const float* confidence, const uint8_t* flags, int height, int width, float* accepted,
             float* trust, const Workers& workers);

@@ -8,7 +8,8 @@ from hypothesis.extra import numpy as arrays
 
 import stereopsis as st
 from reference import sky as reference
-from stereopsis import _core, noise, sky, validate
+from stereopsis import _core, noise, pipeline, sky, validate
+from stereopsis.settings import PRESETS
 
 SEEDS = some.integers(0, 2**32 - 1)
 N = np.nan
@@ -55,22 +56,32 @@ def test_flood_of_any_relief(shape, seed):
     np.testing.assert_array_equal(flood(relief), reference.flood(relief))
 
 
-@given(shape=some.tuples(some.integers(1, 9), some.integers(1, 9)), share=some.floats(0, 1), seed=SEEDS)
-@settings(max_examples=80, deadline=None)
-def test_regions_of_any_mask(shape, share, seed):
-    inside = np.random.default_rng(seed).random(shape) < share
-    region = np.empty(shape, np.int32)
-    count = _core.label(inside.view(np.uint8), region)
-    expected, expected_count = reference.label(inside)
-    np.testing.assert_array_equal(region, expected)
-    assert count == expected_count
+@given(
+    shape=some.tuples(some.integers(1, 9), some.integers(1, 9)),
+    share=some.floats(0, 1),
+    majority=some.booleans(),
+    seed=SEEDS,
+)
+@settings(max_examples=120, deadline=None)
+def test_regions_of_any_mask(shape, share, majority, seed):
+    rng = np.random.default_rng(seed)
+    inside, marked = rng.random(shape) < share, rng.random(shape) < 0.5
+    kept = np.empty(shape, bool)
+    _core.keep_regions(inside.view(np.uint8), marked.view(np.uint8), majority, kept.view(np.uint8))
+    region, count = reference.label(inside)
+    most = [2 * marked[region == k].sum() > (region == k).sum() for k in range(count + 1)]
+    np.testing.assert_array_equal(kept, inside & (np.array(most)[region] == majority))
 
 
 def test_the_core_refuses_another_shape():
     with pytest.raises(ValueError, match="shape"):
         _core.flood(np.zeros((2, 3), np.uint8), np.empty((3, 2), np.uint8))
     with pytest.raises(ValueError, match="shape"):
-        _core.label(np.zeros((2, 3), np.uint8), np.empty((3, 2), np.int32))
+        _core.keep_regions(
+            np.zeros((2, 3), np.uint8), np.zeros((2, 3), np.uint8), True, np.empty((3, 2), np.uint8)
+        )
+    with pytest.raises(ValueError, match="inside the image"):
+        _core.noise_means(np.zeros((9, 9, 1), np.float32), 4, 4, np.empty((2, 1, 1)), 1)
 
 
 # ---- noise ---------------------------------------------------------------------------------------
@@ -110,9 +121,46 @@ def test_saturated_blocks_tell_nothing_of_noise():
 def test_noise_of_any_image(shape, dtype, seed):
     image = np.random.default_rng(seed).integers(0, 256, shape).astype(dtype)
     assert noise.deviation(image) == pytest.approx(reference.deviation(image), rel=1e-5, abs=1e-9)
+    assert noise.deviation(image, threads=3) == noise.deviation(image, threads=1)
 
 
 # ---- sky -----------------------------------------------------------------------------------------
+
+
+@given(
+    shape=some.tuples(some.sampled_from([1, 3]), some.integers(1, 40), some.integers(1, 9)),
+    calm=some.sampled_from([0.0, 0.5, 20.0]),
+    unit=some.sampled_from([0.1, 0.7, 40.0]),
+    threads=some.integers(1, 5),
+    seed=SEEDS,
+)
+@settings(max_examples=60, deadline=None)
+def test_relief_of_any_image(shape, calm, unit, threads, seed):
+    planes = np.random.default_rng(seed).uniform(-30, 30, shape).astype(np.float32)
+    relief = np.empty(shape[1:], np.uint8)
+    _core.relief(planes, calm, unit, relief, threads)
+    exact = np.clip(reference.relief(planes, calm, unit), 0, 255)
+    assert np.abs(relief - exact).max() <= 0.5 + 1e-3
+    alone = np.empty_like(relief)
+    _core.relief(planes, calm, unit, alone, 1)
+    np.testing.assert_array_equal(relief, alone)
+
+
+def test_relief_is_as_many_threads_found_it():
+    planes = np.random.default_rng(8).uniform(0, 1, (3, 300, 400)).astype(np.float32)
+    found = [np.empty((300, 400), np.uint8) for _ in range(3)]
+    for relief, threads in zip(found, (1, 2, 7), strict=True):
+        _core.relief(planes, 0.01, 0.002, relief, threads)
+    assert np.ptp(found[0]) > 80
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
+
+
+def test_relief_refuses_what_does_not_fit():
+    with pytest.raises(ValueError, match="shape"):
+        _core.relief(np.zeros((1, 2, 3), np.float32), 0.0, 1.0, np.empty((3, 2), np.uint8), 1)
+    with pytest.raises(ValueError, match="unit"):
+        _core.relief(np.zeros((1, 2, 3), np.float32), 0.0, 0.0, np.empty((2, 3), np.uint8), 1)
 
 
 def test_the_sky_of_a_clear_street(street):
@@ -155,6 +203,67 @@ def test_walls_are_told_from_the_sky_by_their_matches():
     assert not told[:, 45:].any()
     assert not alone[44:].any()
     np.testing.assert_array_equal(sky.mask(image, np.full_like(near, N)), alone)
+
+
+def test_the_sky_over_open_ground(street):
+    result = st.match(street.pair, preset="accurate", disparities=(0, 128))
+    assert result.settings.sky == "auto"
+    found = (result.flags & st.Flag.SKY) != 0
+    precision, recall = rates(found, street.sky)
+    assert precision > 0.97
+    assert recall > 0.9
+    # Answered as everything is: infinitely far, and not by a measurement.
+    assert not result.disparity[found].any()
+    assert not result.confidence[found].any()
+    assert ((result.flags[found] & st.Flag.FILLED) != 0).all()
+    assert np.isfinite(result.disparity).all()
+    plain = st.match(street.pair, preset="accurate", disparities=(0, 128), sky=False)
+    assert not (plain.flags & st.Flag.SKY).any()
+    assert plain.disparity[found].any()
+
+
+def test_the_sky_is_as_far_as_the_range_goes(street):
+    result = st.match(street.pair, preset="accurate", disparities=(3, 128))
+    found = (result.flags & st.Flag.SKY) != 0
+    assert found.any()
+    assert (result.disparity[found] == 3).all()
+    below = st.match(street.pair, preset="fast", disparities=(-8, 128), sky="auto", fill="background")
+    found = (below.flags & st.Flag.SKY) != 0
+    assert found.any()
+    assert not below.disparity[found].any()
+
+
+def test_unfilled_the_sky_stays_without_answer(street):
+    result = st.match(street.pair, preset="fast", disparities=(0, 128), sky="auto")
+    found = (result.flags & st.Flag.SKY) != 0
+    precision, recall = rates(found, street.sky)
+    assert precision > 0.97
+    assert recall > 0.9
+    assert np.isnan(result.disparity[found]).all()
+
+
+@pytest.mark.parametrize("farthest", [2.0, 30.0])
+def test_a_bright_wall_behind_a_floor_is_no_sky(farthest):
+    height, width = 120, 160
+    rng = np.random.default_rng(9)
+    image = rng.integers(0, 120, (height, width)).astype(np.uint8)
+    image[:50] = 220
+    ground = np.maximum(0.8 * (np.arange(height, dtype=np.float32) - 50), 0) + 0.5
+    disparity = np.repeat(np.maximum(ground, farthest)[:, None], width, axis=1)
+    disparity[:50] = np.nan
+    chosen = PRESETS["accurate"]
+    shown = pipeline._sky(image, disparity, chosen)
+    assert shown[:45].all() == (farthest < 8)
+    assert not shown[56:].any()
+    assert pipeline._sky(image, disparity, chosen.changed(sky=True))[:45].all()
+
+
+def test_without_ground_there_is_no_open_view():
+    image = np.random.default_rng(4).integers(0, 120, (60, 90)).astype(np.uint8)
+    image[:30] = 200
+    for disparity in (np.full(image.shape, N, np.float32), np.full(image.shape, 2, np.float32)):
+        assert not pipeline._sky(image, disparity, PRESETS["accurate"]).any()
+        assert pipeline._sky(image, disparity, PRESETS["accurate"].changed(sky=True)).any()
 
 
 def test_far_matches_say_nothing_against_the_sky():
@@ -322,10 +431,10 @@ def test_brightness_of_any_pair(shape, window, top, seed):
 
 
 @pytest.mark.parametrize("value", [1, "yes", 0.0])
-def test_sky_is_on_or_off(value):
+def test_sky_is_on_off_or_auto(value):
     with pytest.raises(ValueError, match="sky must be"):
         st.Settings(sky=value)
-    with pytest.raises(ValueError, match="sky must be on or off"):
+    with pytest.raises(ValueError, match="sky must be on, off or auto"):
         st.Settings.make(assignments=["sky=perhaps"])
 
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as some
 
 import stereopsis as st
 from reference import planes as reference
+from reference.sky import label as regions_of
 from stereopsis import Flag, Settings, _core, datasets, planes
 from stereopsis.planes import Meeting, Model
 
@@ -142,8 +143,7 @@ def test_segments_stay_in_one_piece(scene, boundary):
     count = label.max() + 1
     _core.move_boundaries(seen, tuple(SMALL._replace(boundary=boundary)), start, 6, label, 1)
     for i in range(count):
-        regions = np.empty(label.shape, np.int32)
-        assert _core.label((label == i).astype(np.uint8), regions) == 1
+        assert regions_of(label == i)[1] == 1
 
 
 # ---- smoothing -----------------------------------------------------------------------------------

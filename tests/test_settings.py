@@ -44,7 +44,7 @@ any_settings = some.builds(
     uniqueness=numbers,
     texture=numbers | some.just("auto"),
     reflection=numbers,
-    sky=some.booleans(),
+    sky=some.booleans() | some.just("auto"),
     median=some.none() | some.integers(0, 127).map(lambda half: 2 * half + 1),
     speckle=some.none()
     | some.integers(0, 10**6)

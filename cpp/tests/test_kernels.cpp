@@ -863,6 +863,38 @@ void test_left_right_of_maps() {
   }
 }
 
+void test_relief() {
+  Random random{22};
+  for (int round = 0; round < 40; ++round) {
+    const int C = random.below(2) ? 1 : 3, H = random.between(1, 40), W = random.between(1, 12);
+    std::vector<float> planes(static_cast<size_t>(C) * H * W);
+    for (float& value : planes) value = static_cast<float>(random.between(-4000, 4000)) / 64;
+    const float calm = static_cast<float>(random.below(3)) * 2, unit = 0.25f + static_cast<float>(random.below(3));
+    std::vector<double> steepest(static_cast<size_t>(H) * W);
+    for (int c = 0; c < C; ++c) {
+      std::vector<double> blurred(planes.begin() + c * H * W, planes.begin() + (c + 1) * H * W), before;
+      const auto at = [&](int y, int x) { return before[std::clamp(y, 0, H - 1) * W + std::clamp(x, 0, W - 1)]; };
+      for (int twice = 0; twice < 2; ++twice) {
+        before = blurred;
+        for (int k = 0; k < H * W; ++k) {
+          blurred[k] = 0;
+          for (int v = -1; v <= 1; ++v)
+            for (int u = -1; u <= 1; ++u) blurred[k] += (2 - std::abs(v)) * (2 - std::abs(u)) * at(k / W + v, k % W + u) / 16;
+        }
+      }
+      before = blurred;
+      for (int k = 0; k < H * W; ++k)
+        steepest[k] = std::max({steepest[k], std::fabs(at(k / W, k % W + 1) - at(k / W, k % W - 1)) / 2,
+                                std::fabs(at(k / W + 1, k % W) - at(k / W - 1, k % W)) / 2});
+    }
+    std::vector<uint8_t> found(steepest.size());
+    relief(planes.data(), C, H, W, calm, unit, found.data(), {random.between(1, 4), [] { return false; }});
+    bool near = true;
+    for (int k = 0; k < H * W; ++k) near = near && std::fabs(found[k] - std::clamp((steepest[k] - calm) / unit, 0.0, 255.0)) < 0.501;
+    CHECK(near, text(C) + "x" + text(H) + "x" + text(W));
+  }
+}
+
 void test_flood() {
   Random random{23};
   for (int round = 0; round < 60; ++round) {
@@ -888,16 +920,20 @@ void test_flood() {
   }
 }
 
-void test_label() {
+void test_keep_regions() {
   Random random{24};
-  for (int round = 0; round < 60; ++round) {
+  for (int round = 0; round < 80; ++round) {
     const int H = random.between(1, 9), W = random.between(1, 9);
-    std::vector<uint8_t> inside;
-    for (int k = 0; k < H * W; ++k) inside.push_back(random.below(5) > 1);
-    std::vector<int32_t> region(inside.size(), -7);
-    const int count = label(inside.data(), H, W, region.data(), kAlone);
+    std::vector<uint8_t> inside, marked;
+    for (int k = 0; k < H * W; ++k) {
+      inside.push_back(random.below(5) > 1);
+      marked.push_back(random.below(2));
+    }
+    const bool majority = random.below(2);
+    std::vector<uint8_t> kept(inside.size(), 7);
+    keep_regions(inside.data(), marked.data(), H, W, majority, kept.data(), kAlone);
     // The first pixel of each region spreads until nothing changes any more.
-    std::vector<int> first(inside.size());
+    std::vector<int> first(inside.size()), pixels(inside.size()), marks(inside.size());
     for (int k = 0; k < H * W; ++k) first[k] = k;
     for (bool changed = true; changed;) {
       changed = false;
@@ -908,13 +944,38 @@ void test_label() {
             changed = true;
           }
     }
-    bool right = true;
-    int regions = 0;
     for (int k = 0; k < H * W; ++k) {
-      if (inside[k] && first[k] == k) ++regions;
-      right = right && region[k] == (!inside[k] ? 0 : first[k] == k ? regions : region[first[k]]);
+      pixels[first[k]] += inside[k];
+      marks[first[k]] += inside[k] && marked[k];
     }
-    CHECK(right && count == regions, text(H) + "x" + text(W));
+    bool right = true;
+    for (int k = 0; k < H * W; ++k)
+      right = right && kept[k] == (inside[k] && (2 * marks[first[k]] > pixels[first[k]]) == majority);
+    CHECK(right, text(H) + "x" + text(W));
+  }
+}
+
+void test_noise_means() {
+  Random random{25};
+  for (int round = 0; round < 40; ++round) {
+    const int C = random.below(2) ? 1 : 3, H = random.between(3, 30), W = random.between(3, 30);
+    const int high = random.between(1, H - 2), wide = random.between(1, W - 2), rows = (H - 2) / high, columns = (W - 2) / wide;
+    std::vector<float> image(static_cast<size_t>(H) * W * C);
+    for (float& value : image) value = static_cast<float>(random.below(256));
+    std::vector<double> means(static_cast<size_t>(rows) * columns * C), expected(means.size());
+    noise_means(image.data(), W, C, {rows, columns, high, wide}, means.data(), {random.between(1, 4), [] { return false; }});
+    constexpr int mask[3][3] = {{1, -2, 1}, {-2, 4, -2}, {1, -2, 1}};
+    for (int y = 0; y < rows * high; ++y)
+      for (int x = 0; x < columns * wide; ++x)
+        for (int c = 0; c < C; ++c) {
+          double answer = 0;
+          for (int v = 0; v < 3; ++v)
+            for (int u = 0; u < 3; ++u) answer += mask[v][u] * image[((y + v) * W + x + u) * C + c];
+          expected[((y / high) * columns + x / wide) * C + c] += std::fabs(answer) / (high * wide);
+        }
+    bool near = true;
+    for (size_t k = 0; k < means.size(); ++k) near = near && std::fabs(means[k] - expected[k]) < 1e-9 * (1 + expected[k]);
+    CHECK(near, text(C) + "x" + text(H) + "x" + text(W));
   }
 }
 
@@ -2144,8 +2205,10 @@ int main() {
   timed("texture", test_texture);
   timed("speckle", test_speckle);
   timed("left and right of maps", test_left_right_of_maps);
+  timed("relief", test_relief);
   timed("flood", test_flood);
-  timed("label", test_label);
+  timed("regions", test_keep_regions);
+  timed("noise", test_noise_means);
   timed("median", test_median);
   timed("after the checks", test_after_the_checks);
   timed("refinement from the images", test_refinement_from_images);

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from stereopsis import _core
+
 BLOCK = 16
 """Side of a block in pixels."""
 
@@ -14,7 +16,7 @@ SMOOTHEST = 0.2
 """Fraction of the blocks that are taken to hold no texture."""
 
 
-def deviation(image: npt.NDArray[Any]) -> float:
+def deviation(image: npt.NDArray[Any], threads: int = 0) -> float:
     r"""Standard deviation of an image's noise.
 
     In blocks of 16 x 16 pixels, :math:`\sqrt{\pi / 2} / 6` times the mean magnitude of the response to the
@@ -25,6 +27,8 @@ def deviation(image: npt.NDArray[Any]) -> float:
     Parameters
     ----------
     image : ndarray of any real dtype, (H, W) or (H, W, C)
+    threads : int
+        0: all cores. Never changes the answer.
 
     Returns
     -------
@@ -37,24 +41,21 @@ def deviation(image: npt.NDArray[Any]) -> float:
     .. [1] J. Immerkær, Fast noise variance estimation, Computer Vision and Image Understanding 64(2), 1996,
        doi:10.1006/cviu.1996.0060.
     """
-    return deviation_of(block_means(image))
+    return deviation_of(block_means(image, threads=threads))
 
 
-def block_means(image: npt.NDArray[Any], height: int = BLOCK) -> npt.NDArray[np.float64]:
+def block_means(image: npt.NDArray[Any], height: int = BLOCK, threads: int = 0) -> npt.NDArray[np.float64]:
     """Mean magnitude of the response in each block of so many rows, or fewer in a small image, (N,).
 
     Bands of an image, each with two rows more than its blocks need, give the blocks of the whole.
     """
-    pixels = (image if image.ndim == 3 else image[..., None]).astype(np.float32)
-    response = np.abs(np.diff(np.diff(pixels, n=2, axis=0), n=2, axis=1))
-    if not response.size:
+    pixels = np.ascontiguousarray(image if image.ndim == 3 else image[..., None], np.float32)
+    within = pixels.shape[0] - 2, pixels.shape[1] - 2
+    if min(within) < 1:
         return np.empty(0)
-    height, width = min(height, response.shape[0]), min(BLOCK, response.shape[1])
-    rows, columns = response.shape[0] // height, response.shape[1] // width
-    whole = response[: rows * height, : columns * width]
-    means: npt.NDArray[np.float64] = whole.reshape(rows, height, columns, width, -1).mean(
-        axis=(1, 3), dtype=np.float64
-    )
+    height, width = min(height, within[0]), min(BLOCK, within[1])
+    means = np.empty((within[0] // height, within[1] // width, pixels.shape[2]))
+    _core.noise_means(pixels, height, width, means, threads)
     return means.ravel()
 
 

@@ -95,7 +95,7 @@ def match(
     uniqueness: float | None = UNSET,
     texture: float | str | None = UNSET,
     reflection: float | None = UNSET,
-    sky: bool = UNSET,
+    sky: bool | str = UNSET,
     median: int | None = UNSET,
     speckle: tuple[int, float] | int | None = UNSET,
     planes: str | None = UNSET,
@@ -342,11 +342,10 @@ def _match(
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
             validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags, chosen.threads)
-    if chosen.sky:
+    if chosen.sky is True or (chosen.sky == "auto" and frame is None):
         with _timed(timings, "sky"):
-            # Unchecked winners are of no use as witnesses against the sky.
-            matched = None if chosen.left_right is None else disparity
-            _refuse(sky.mask(pair.left, matched), Flag.SKY, disparity, confidence, flags)
+            shown = _sky(pair.left, disparity, chosen)
+            _refuse(shown, Flag.SKY, disparity, confidence, flags)
     beneath = None
     if chosen.planes is not None:
         with _timed(timings, "segments"):
@@ -421,8 +420,36 @@ def _match(
             if "right_disparity" in stages:
                 rectify.unbow(stages["right_disparity"], *known, of_right=True)
 
+    if chosen.sky and chosen.fill is not None:
+        # Infinitely far, as far as the range goes; and nothing that was measured.
+        shown = flags & np.uint8(Flag.SKY) > 0
+        disparity[shown] = np.clip(0, chosen.disparities.min, chosen.disparities.max - 1)
+        confidence[shown] = 0
+
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
+
+
+def _sky(image: Image, disparity: DisparityMap, chosen: Settings) -> npt.NDArray[np.bool_]:
+    """Where the sky is; with "auto", above the ground of an open view alone."""
+    # Unchecked winners are of no use as witnesses against the sky.
+    matched = None if chosen.left_right is None else disparity
+    if chosen.sky is True:
+        return sky.mask(image, matched, threads=chosen.threads)
+    shown, height = np.zeros(disparity.shape, bool), len(disparity)
+    ground = slant.road(disparity, slant.FIRST_WINDOW, threads=chosen.threads)
+    farthest = sky.farthest_surface(disparity)
+    if ground is None or farthest is None or farthest > (far := sky.OPEN * ground.nearest(disparity.shape)):
+        return shown
+    horizon = ground.first_row_above(0, disparity.shape)
+    # A strip of the ground tells what is not sky where nothing stands on it.
+    upper = np.s_[: horizon + height // 8]
+    if horizon > 0:
+        shown[upper] = sky.mask(
+            image[upper], None if matched is None else matched[upper], far, chosen.threads
+        )
+        shown[horizon:] = False
+    return shown
 
 
 def _sharpened(pixels: cost.Pixels, how: float | str, threads: int) -> cost.Pixels:

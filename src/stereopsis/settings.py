@@ -192,9 +192,11 @@ class Settings:
     reflection : float or None
         Largest difference of mean brightness between the windows of a match, in robust standard deviations of
         that difference over the image. None: no check.
-    sky : bool
+    sky : bool or "auto"
         Recognise and refuse the sky of outdoor pairs. Walls that reach the image's top are told from it by
-        their matches where `left_right` is on; else by the left image alone.
+        their matches where `left_right` is on; else by the left image alone. "auto": above the horizon of a
+        view over open ground, found in the matches; nowhere else. With `fill` the sky gets disparity 0, or
+        the range's nearest to it, and stays without confidence.
     median : int or None
         Side of the median filter's window in pixels, odd.
     speckle : tuple of (int, float) or None
@@ -262,7 +264,7 @@ class Settings:
     uniqueness: float | None = None
     texture: float | Literal["auto"] | None = None
     reflection: float | None = None
-    sky: bool = False
+    sky: bool | Literal["auto"] = False
     median: int | None = None
     speckle: tuple[int, float] | None = None
     planes: Literal["segments"] | None = None
@@ -586,9 +588,12 @@ def _checked(name: str, value: Any) -> Any:
             if value is not None and not (is_number(value) and value >= 0):
                 raise refuse("a number of at least 0, or None")
             return None if value is None else float(value)
+        case "sky" if isinstance(value, str):
+            if value != "auto":
+                raise refuse('True, False or "auto"')
         case "sky" | "outlines":
             if value is not None and not isinstance(value, bool):
-                raise refuse("True or False")
+                raise refuse('True, False or "auto"' if name == "sky" else "True or False")
             return bool(value)
         case "median":
             if value is not None and not (is_whole(value) and 1 <= value <= MAX_WINDOW and value % 2):
@@ -813,11 +818,12 @@ def _from_text(name: str, text: str) -> Any:
             return tuple(part.strip() for part in text.split(",") if part.strip())
         case "speckle" | "weighted_median" | "edge_aware":
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
-        case "texture" | "sharpen" if text == "auto":
+        case "texture" | "sharpen" | "sky" if text == "auto":
             return text
         case "sky" | "outlines" | "optimize_more_global":
             if text.lower() not in ("on", "true"):
-                raise ValueError(f"{name} must be on or off, not {text!r}")
+                allowed = "on, off or auto" if name == "sky" else "on or off"
+                raise ValueError(f"{name} must be {allowed}, not {text!r}")
             return True
         case _:
             return number(text)
@@ -890,6 +896,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             median=5,
             # What else is wrong the confidence finds.
             speckle=(100, 1.0),
+            sky="auto",
             fill="surfaces",
             confidence="calibrated",
             least_confidence=0.85,

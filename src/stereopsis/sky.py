@@ -28,11 +28,25 @@ WEAK, WEAKEST = 2, 30
 REACH = 4
 """How far in pixels the blur keeps the flood off an edge."""
 
+FARTHEST = 0.02
+"""Quantile of the disparities that counts as the farthest surface's."""
+
 FAR = 2.0
-"""Pixels of disparity beyond the farthest surface, up to which a match says nothing against the sky."""
+"""Pixels of disparity up to which a match nearer than the farthest surface says nothing against the sky."""
+
+OPEN = 0.15
+"""What is far in an open view, as a fraction of the nearest ground's disparity."""
+
+FEW = 10_000
+"""About so many pixels tell the colours of sky and rest."""
 
 
-def mask(image: npt.NDArray[Any], disparity: DisparityMap | None = None) -> BoolMap:
+def mask(
+    image: npt.NDArray[Any],
+    disparity: DisparityMap | None = None,
+    far: float | None = None,
+    threads: int = 0,
+) -> BoolMap:
     r"""Where the image shows the sky.
 
     1. The relief is the largest gradient over directions and channels, after a blur, less what noise
@@ -51,6 +65,10 @@ def mask(image: npt.NDArray[Any], disparity: DisparityMap | None = None) -> Bool
         A gain or an offset of all grey levels changes nothing but by rounding.
     disparity : ndarray of float32, (H, W), optional
         Matches most of which are right; NaN where refused. None: step 3 is left out.
+    far : float, optional
+        The far distance, in pixels of disparity. None: `FAR` pixels nearer than the `farthest_surface`.
+    threads : int
+        0: all cores. Never changes the answer.
 
     Returns
     -------
@@ -72,52 +90,51 @@ def mask(image: npt.NDArray[Any], disparity: DisparityMap | None = None) -> Bool
     .. [4] R. A. Fisher, The use of multiple measurements in taxonomic problems, Annals of Eugenics 7(2),
        1936, doi:10.1111/j.1469-1809.1936.tb02137.x.
     """
-    colour = _channels(image)
-    sigma = noise.deviation(np.moveaxis(colour, 0, 2))
-    low, high = np.quantile(colour, [0.005, 0.995])
+    scaled = _scaled(image)
+    colour = np.ascontiguousarray(scaled[None] if image.ndim == 2 else np.moveaxis(scaled, 2, 0))
+    sigma = noise.deviation(scaled, threads)
+    few = (slice(None, None, _step(image)),) * 2
+    low, high = np.quantile(colour[:, *few], [0.005, 0.995])
     if not high - low > max(6 * sigma, 1e-6):
         return np.zeros(colour.shape[1:], bool)
-    level = np.empty(colour.shape[1:], np.uint8)
-    _core.flood(_relief(colour, sigma, float(high - low)), level)
+    if disparity is not None and far is None and (farthest := farthest_surface(disparity)) is not None:
+        far = farthest + FAR
+    near = None if disparity is None or far is None else disparity > np.float32(far)
+    relief, level = np.empty((2, *colour.shape[1:]), np.uint8)
+    _core.relief(colour, NOISE * sigma, float(high - low) * STEP, relief, threads)
+    _core.flood(relief, level)
     if np.mean(level <= SMOOTH) > 0.99:
-        return _without_walls(np.ones(level.shape, bool), disparity)
-    chosen = _level(colour, level)
-    found = _without_walls(level <= chosen, disparity)
-    if not found.any() or found.all():
+        return _without_walls(np.ones(level.shape, bool), near)
+    chosen = _level(colour[:, *few], level[few])
+    found = _without_walls(level <= chosen, near)
+    if not found[few].any() or found[few].all():
         return found
-    alike = _alike(colour, found)
+    alike = _alike(colour, found, few)
     found &= alike
     weak = alike & (level <= max(WEAK * chosen, WEAKEST))
-    found |= _without_walls(_holding(weak, found) & ~found, disparity)
+    found |= _without_walls(_holding(weak, found) & ~found, near)
     for _ in range(REACH):
         found = alike & _wider(found)
     return found
 
 
-def _channels(image: npt.NDArray[Any]) -> Floats:
-    """(C, H, W) in [-1, 1]: no finite image can overflow in what follows."""
-    planes = image[None] if image.ndim == 2 else np.moveaxis(image, 2, 0)
-    peak = max(abs(float(image.max())), abs(float(image.min())))
-    return np.ascontiguousarray(planes / np.float64(peak or 1), np.float32)
+def farthest_surface(disparity: DisparityMap) -> float | None:
+    """The disparity of the farthest surface that was matched; None where nothing was."""
+    matched = disparity[(slice(None, None, _step(disparity)),) * 2]
+    matched = matched[np.isfinite(matched)]
+    return float(np.quantile(matched, FARTHEST)) if matched.size else None
 
 
-def _relief(colour: Floats, sigma: float, contrast: float) -> npt.NDArray[np.uint8]:
-    steepest = np.zeros(colour.shape[1:], np.float32)
-    for channel in colour:
-        padded = np.pad(_blur(_blur(channel)), 1, "edge")
-        for ahead, behind in ((np.s_[1:-1, 2:], np.s_[1:-1, :-2]), (np.s_[2:, 1:-1], np.s_[:-2, 1:-1])):
-            np.maximum(steepest, np.abs(padded[ahead] - padded[behind]) / 2, out=steepest)
-    levels = np.rint((steepest - np.float32(NOISE * sigma)) / np.float32(contrast * STEP))
-    relief: npt.NDArray[np.uint8] = np.clip(levels, 0, 255).astype(np.uint8)
-    return relief
+def _step(image: npt.NDArray[Any]) -> int:
+    """Every how manyeth row and column are looked at."""
+    return max(1, int(np.sqrt(image.shape[0] * image.shape[1] / FEW)))
 
 
-def _blur(channel: Floats) -> Floats:
-    """Binomial weights 1 2 1 along both axes."""
-    padded = np.pad(channel, 1, "edge")
-    rows = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / np.float32(4)
-    blurred: Floats = (rows[:, :-2] + 2 * rows[:, 1:-1] + rows[:, 2:]) / np.float32(4)
-    return blurred
+def _scaled(image: npt.NDArray[Any]) -> Floats:
+    """In [-1, 1]: no finite image can overflow in what follows."""
+    peak = max(abs(float(image.max())), abs(float(image.min()))) or 1.0
+    scaled: Floats = np.divide(image, peak, dtype=np.result_type(image, np.float32)).astype(np.float32)
+    return scaled
 
 
 def _level(colour: Floats, level: npt.NDArray[np.uint8]) -> int:
@@ -130,40 +147,37 @@ def _level(colour: Floats, level: npt.NDArray[np.uint8]) -> int:
     return int(between.argmax()) if between.max() > 0 else -1
 
 
-def _alike(colour: Floats, inside: BoolMap) -> BoolMap:
+def _alike(colour: Floats, inside: BoolMap, few: tuple[slice, slice]) -> BoolMap:
     """Where the colour is nearer to that inside than to that outside, by Fisher's linear discriminant."""
-    parts = [colour[:, where].astype(np.float64) for where in (inside, ~inside)]
+    some, within = np.ascontiguousarray(colour[:, *few]), inside[few]
+    parts = [some[:, where].astype(np.float64) for where in (within, ~within)]
     means = [part.mean(axis=1) for part in parts]
     centred = np.concatenate([part - mean[:, None] for part, mean in zip(parts, means, strict=True)], axis=1)
     scatter = centred @ centred.T / centred.shape[1]
     # Grey images saved in colour have a scatter of rank 1.
     scatter += np.eye(len(colour)) * (1e-4 * np.trace(scatter) + 1e-12)
     weights = np.linalg.solve(scatter, means[0] - means[1])
-    score: Floats = np.tensordot(weights.astype(np.float32), colour, axes=1)
+    score: Floats = sum(
+        weight * channel for weight, channel in zip(weights.astype(np.float32), colour, strict=True)
+    )
     return score > np.float32(weights @ (means[0] + means[1]) / 2)
 
 
-def _regions(inside: BoolMap) -> tuple[npt.NDArray[np.int32], int]:
-    region = np.empty(inside.shape, np.int32)
-    return region, _core.label(inside.view(np.uint8), region) + 1
-
-
-def _without_walls(found: BoolMap, disparity: DisparityMap | None) -> BoolMap:
+def _without_walls(found: BoolMap, near: BoolMap | None) -> BoolMap:
     """Without the regions most of whose pixels were matched nearer than the far distance."""
-    matched = np.isfinite(disparity) if disparity is not None else np.zeros(found.shape, bool)
-    if disparity is None or not matched.any():
-        return found
-    near = matched & (np.where(matched, disparity, 0) > np.quantile(disparity[matched], 0.02) + FAR)
-    region, count = _regions(found)
-    votes = np.bincount(region[near], minlength=count)
-    return found & (2 * votes <= np.bincount(region.ravel(), minlength=count))[region]
+    return found if near is None else _regions(found, near, majority=False)
 
 
 def _holding(wide: BoolMap, found: BoolMap) -> BoolMap:
     """The regions of `wide` most of which is found already."""
-    region, count = _regions(wide)
-    held = np.bincount(region[found], minlength=count)
-    return wide & (2 * held > np.bincount(region.ravel(), minlength=count))[region]
+    return _regions(wide, found, majority=True)
+
+
+def _regions(inside: BoolMap, marked: BoolMap, *, majority: bool) -> BoolMap:
+    """The regions of `inside` most of which is marked, or the others."""
+    kept = np.empty(inside.shape, bool)
+    _core.keep_regions(inside.view(np.uint8), marked.view(np.uint8), majority, kept.view(np.uint8))
+    return kept
 
 
 def _wider(found: BoolMap) -> BoolMap:

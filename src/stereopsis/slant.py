@@ -64,6 +64,10 @@ class Plane(NamedTuple):
         """The same plane, rows being counted from that one."""
         return Plane(self.a, self.b, self.c + self.b * row)
 
+    def nearest(self, shape: tuple[int, int]) -> float:
+        """Its disparity in the middle of the last row of (H, W)."""
+        return self.a * (shape[1] - 1) / 2 + self.b * (shape[0] - 1) + self.c
+
     def first_row_above(self, disparity: float, shape: tuple[int, int]) -> int:
         """The first row of (H, W) with a pixel of the plane above a disparity; 0 where none is."""
         rows = np.arange(shape[0])

@@ -8,6 +8,27 @@ def _around(shape, y, x):
     return [(y + v, x + u) for v, u in steps if 0 <= y + v < shape[0] and 0 <= x + u < shape[1]]
 
 
+def relief(planes, calm, unit):
+    """Two blurs of 3 x 3, the largest central difference, in units above what is calm."""
+    steepest = np.zeros(planes.shape[1:])
+    for plane in planes:
+        blurred = plane.astype(np.float64)
+        for _ in range(2):
+            padded = np.pad(blurred, 1, "edge")
+            weights = np.outer([1, 2, 1], [1, 2, 1]) / 16
+            blurred = np.array(
+                [
+                    [(padded[y : y + 3, x : x + 3] * weights).sum() for x in range(plane.shape[1])]
+                    for y in range(plane.shape[0])
+                ]
+            )
+        padded = np.pad(blurred, 1, "edge")
+        for y, x in np.ndindex(*plane.shape):
+            across, down = padded[y + 1, x + 2] - padded[y + 1, x], padded[y + 2, x + 1] - padded[y, x + 1]
+            steepest[y, x] = max(steepest[y, x], abs(across) / 2, abs(down) / 2)
+    return (steepest - calm) / unit
+
+
 def flood(relief):
     """Levels fall until none falls any more."""
     level = np.full(relief.shape, 999)

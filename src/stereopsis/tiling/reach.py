@@ -208,7 +208,7 @@ def refuse(settings: Settings) -> None:
     if isinstance(settings.cost, pixelwise.Pixelwise) and pixelwise.needs_information(settings.cost):
         raise ValueError("cost must not be MutualInformation in tiles: it is learnt from the whole image")
     for name, off in (("reflection", None), ("sky", False), ("planes", None), ("pyramid", None)):
-        if getattr(settings, name) != off:
+        if getattr(settings, name) not in (off, "auto"):
             raise ValueError(f"{name} must be {off} in tiles: it looks at the whole image at once")
     if settings.keep:
         raise ValueError(f"keep must be empty in tiles, not {settings.keep!r}: arrays are not put together")

@@ -37,7 +37,7 @@ export const GROUPS = [
       toggle("uniqueness", "Uniqueness", 2, { value: slider(0, 30, 0.5, "%") }),
       toggle("texture", "Texture", 0.3, { value: slider(0, 5, 0.1) }),
       toggle("reflection", "Reflection", 3, { value: slider(0, 10, 0.25, "σ") }),
-      toggle("sky", "Sky", true, { off: false }),
+      choice("sky", "Sky", [[false, "off"], ["auto", "over open ground"], [true, "anywhere"]]),
       toggle("speckle", "Speckle", [200, 1], { value: slider(0, 2000, 10, "px"), part: 0 }),
       toggle("least_confidence", "Least confidence", 0.85, { value: slider(0, 1, 0.01) }),
     ],

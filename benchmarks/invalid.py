@@ -93,7 +93,7 @@ def flags(seeds: int) -> str:
             report(f"gloss {share}, seed {seed}")
             glossy.setdefault(f"gloss {share}", []).append(gloss_row(seed, share))
     report("")
-    heads = "sky P", "sky R", "image alone P", "R", "occluded P", "R", "refused R"
+    heads = "sky P", "sky R", "auto P", "R", "image alone P", "R", "occluded P", "R", "refused R"
     more = "to refuse, share", "texture 0.3 P", "R", "texture auto P", "R"
     return "\n\n".join(
         [table(f"{seeds} streets", [*heads, *more], scenes), table(f"{seeds} streets", GLOSS_HEADS, glossy)]
@@ -103,11 +103,13 @@ def flags(seeds: int) -> str:
 def scene_row(seed: int, option: dict[str, Any]) -> tuple[float, ...]:
     scene = st.scenes.street(880, 400, seed, samples=1, **option)
     fast = st.match(scene.pair, preset="fast", disparities=(0, 128), texture=None, sky=True)
+    accurate = st.match(scene.pair, preset="accurate", disparities=(0, 128))
     alone = st.match(scene.pair, disparities=(0, 128), cost=st.ZNCC(WINDOW), sky=True)
     plain = st.match(scene.pair, disparities=(0, 128), cost=st.ZNCC(WINDOW))
     solid = ~scene.sky
     numbers = [
         *rates(flagged(fast, st.Flag.SKY), scene.sky),
+        *rates(flagged(accurate, st.Flag.SKY), scene.sky),
         *rates(flagged(alone, st.Flag.SKY), scene.sky),
         *rates(flagged(fast, st.Flag.OCCLUDED)[solid], scene.occluded[solid]),
         # Whatever the reason that was given: a hidden pixel must not keep an answer.

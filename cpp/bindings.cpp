@@ -973,12 +973,12 @@ NB_MODULE(_core, m) {
     run(1, [&](const Workers& workers) { flood(relief.data(), H, W, out.data(), workers); });
   });
 
-  m.def("keep_regions", [](const Array<const uint8_t, 2>& inside, const Array<const uint8_t, 2>& marked, bool majority,
+  m.def("keep_regions", [](const Array<const uint8_t, 2>& inside, const Array<const uint8_t, 2>& marked, double share, bool others,
                            const Array<uint8_t, 2>& out) {
     const int H = inside.shape(0), W = inside.shape(1);
     require_shape(marked, H, W);
     require_shape(out, H, W);
-    run(1, [&](const Workers& workers) { keep_regions(inside.data(), marked.data(), H, W, majority, out.data(), workers); });
+    run(1, [&](const Workers& workers) { keep_regions(inside.data(), marked.data(), H, W, share, others, out.data(), workers); });
   });
 
   m.def("noise_means", [](const Array<const float, 3>& image, int height, int width, const Array<double, 3>& out, int threads) {

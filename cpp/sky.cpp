@@ -121,7 +121,7 @@ void flood(const uint8_t* relief, int height, int width, uint8_t* level, const W
   });
 }
 
-void keep_regions(const uint8_t* inside, const uint8_t* marked, int height, int width, bool majority, uint8_t* kept,
+void keep_regions(const uint8_t* inside, const uint8_t* marked, int height, int width, double share, bool others, uint8_t* kept,
                   const Workers& workers) {
   parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
     // Runs of rows; those that touch are one region's, whose counts its first run has.
@@ -173,7 +173,7 @@ void keep_regions(const uint8_t* inside, const uint8_t* marked, int height, int 
       std::memset(row, 0, width);
       for (size_t k = begin_of[y]; k < begin_of[y + 1]; ++k) {
         const Run& region = runs[region_of(k)];
-        if ((2 * region.marks > region.size) == majority) std::memset(row + runs[k].first, 1, runs[k].end - runs[k].first);
+        if ((region.marks > share * region.size) != others) std::memset(row + runs[k].first, 1, runs[k].end - runs[k].first);
       }
     }
   });

@@ -267,8 +267,8 @@ void relief(const float* planes, int channels, int height, int width, float calm
 // How high a flood from above the first row has to rise to reach each pixel: over all 4-connected paths from the first row,
 // the least of the path's highest relief.
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);
-// Keeps those 4-connected regions of `inside` most of which is marked, or, without `majority`, the others; all are 0 or 1.
-void keep_regions(const uint8_t* inside, const uint8_t* marked, int height, int width, bool majority, uint8_t* kept,
+// Keeps those 4-connected regions of `inside` of which more than this share is marked, or the others; all are 0 or 1.
+void keep_regions(const uint8_t* inside, const uint8_t* marked, int height, int width, double share, bool others, uint8_t* kept,
                   const Workers& workers);
 // Mean magnitude of the response to (1, -2, 1; -2, 4, -2; 1, -2, 1) in each block, of each channel.
 struct NoiseBlocks {

@@ -59,18 +59,19 @@ def test_flood_of_any_relief(shape, seed):
 @given(
     shape=some.tuples(some.integers(1, 9), some.integers(1, 9)),
     share=some.floats(0, 1),
-    majority=some.booleans(),
+    least=some.sampled_from([0.0, 0.4, 0.5, 1.0]),
+    others=some.booleans(),
     seed=SEEDS,
 )
 @settings(max_examples=120, deadline=None)
-def test_regions_of_any_mask(shape, share, majority, seed):
+def test_regions_of_any_mask(shape, share, least, others, seed):
     rng = np.random.default_rng(seed)
     inside, marked = rng.random(shape) < share, rng.random(shape) < 0.5
     kept = np.empty(shape, bool)
-    _core.keep_regions(inside.view(np.uint8), marked.view(np.uint8), majority, kept.view(np.uint8))
+    _core.keep_regions(inside.view(np.uint8), marked.view(np.uint8), least, others, kept.view(np.uint8))
     region, count = reference.label(inside)
-    most = [2 * marked[region == k].sum() > (region == k).sum() for k in range(count + 1)]
-    np.testing.assert_array_equal(kept, inside & (np.array(most)[region] == majority))
+    more = [marked[region == k].sum() > least * (region == k).sum() for k in range(count + 1)]
+    np.testing.assert_array_equal(kept, inside & (np.array(more)[region] != others))
 
 
 def test_the_core_refuses_another_shape():
@@ -78,7 +79,7 @@ def test_the_core_refuses_another_shape():
         _core.flood(np.zeros((2, 3), np.uint8), np.empty((3, 2), np.uint8))
     with pytest.raises(ValueError, match="shape"):
         _core.keep_regions(
-            np.zeros((2, 3), np.uint8), np.zeros((2, 3), np.uint8), True, np.empty((3, 2), np.uint8)
+            np.zeros((2, 3), np.uint8), np.zeros((2, 3), np.uint8), 0.5, True, np.empty((3, 2), np.uint8)
         )
     with pytest.raises(ValueError, match="inside the image"):
         _core.noise_means(np.zeros((9, 9, 1), np.float32), 4, 4, np.empty((2, 1, 1)), 1)

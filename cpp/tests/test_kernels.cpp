@@ -929,9 +929,10 @@ void test_keep_regions() {
       inside.push_back(random.below(5) > 1);
       marked.push_back(random.below(2));
     }
-    const bool majority = random.below(2);
+    const double share = random.below(5) / 4.0;
+    const bool others = random.below(2);
     std::vector<uint8_t> kept(inside.size(), 7);
-    keep_regions(inside.data(), marked.data(), H, W, majority, kept.data(), kAlone);
+    keep_regions(inside.data(), marked.data(), H, W, share, others, kept.data(), kAlone);
     // The first pixel of each region spreads until nothing changes any more.
     std::vector<int> first(inside.size()), pixels(inside.size()), marks(inside.size());
     for (int k = 0; k < H * W; ++k) first[k] = k;
@@ -950,7 +951,7 @@ void test_keep_regions() {
     }
     bool right = true;
     for (int k = 0; k < H * W; ++k)
-      right = right && kept[k] == (inside[k] && (2 * marks[first[k]] > pixels[first[k]]) == majority);
+      right = right && kept[k] == (inside[k] && (marks[first[k]] > share * pixels[first[k]]) != others);
     CHECK(right, text(H) + "x" + text(W));
   }
 }

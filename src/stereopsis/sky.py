@@ -37,6 +37,9 @@ FAR = 2.0
 OPEN = 0.15
 """What is far in an open view, as a fraction of the nearest ground's disparity."""
 
+WALL = 0.45
+"""Share of a piece that is nearer than far, above which it is no sky."""
+
 FEW = 10_000
 """About so many pixels tell the colours of sky and rest."""
 
@@ -55,7 +58,7 @@ def mask(
        under a level are nested, connected to the top, and parted from the rest by edges [2]_.
     2. That level is chosen whose region differs most in colour from the rest, by the variance between the
        two [3]_, the region being the brighter.
-    3. A piece most of which was matched, and nearer than the far distance, is a wall and not sky.
+    3. A piece of which more than `WALL` was matched, and nearer than the far distance, is no sky.
     4. A linear discriminant [4]_ between the two colours takes away what does not look like the rest of the
        sky, and lets the region grow: over weaker edges, and to the edges from which the blur kept it.
 
@@ -164,19 +167,19 @@ def _alike(colour: Floats, inside: BoolMap, few: tuple[slice, slice]) -> BoolMap
 
 
 def _without_walls(found: BoolMap, near: BoolMap | None) -> BoolMap:
-    """Without the regions most of whose pixels were matched nearer than the far distance."""
-    return found if near is None else _regions(found, near, majority=False)
+    """Without the regions of which more than `WALL` was matched nearer than the far distance."""
+    return found if near is None else _regions(found, near, WALL, others=True)
 
 
 def _holding(wide: BoolMap, found: BoolMap) -> BoolMap:
     """The regions of `wide` most of which is found already."""
-    return _regions(wide, found, majority=True)
+    return _regions(wide, found, 0.5)
 
 
-def _regions(inside: BoolMap, marked: BoolMap, *, majority: bool) -> BoolMap:
-    """The regions of `inside` most of which is marked, or the others."""
+def _regions(inside: BoolMap, marked: BoolMap, share: float, others: bool = False) -> BoolMap:
+    """The regions of `inside` of which more than this share is marked, or the others."""
     kept = np.empty(inside.shape, bool)
-    _core.keep_regions(inside.view(np.uint8), marked.view(np.uint8), majority, kept.view(np.uint8))
+    _core.keep_regions(inside.view(np.uint8), marked.view(np.uint8), share, others, kept.view(np.uint8))
     return kept
 
 

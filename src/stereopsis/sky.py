@@ -37,7 +37,7 @@ FAR = 2.0
 OPEN = 0.15
 """What is far in an open view, as a fraction of the nearest ground's disparity."""
 
-WALL = 0.45
+WALL = 0.35
 """Share of a piece that is nearer than far, above which it is no sky."""
 
 FEW = 10_000

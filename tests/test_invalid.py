@@ -254,8 +254,12 @@ def test_a_bright_wall_behind_a_floor_is_no_sky(farthest):
     disparity[:50] = np.nan
     chosen = PRESETS["accurate"]
     shown = pipeline._sky(image, disparity, chosen)
-    assert shown[:45].all() == (farthest < 8)
-    assert not shown[56:].any()
+    if farthest < 8:
+        assert len(shown) >= 45
+        assert shown[:45].all()
+        assert not shown[56:].any()
+    else:
+        assert not shown.any()
     assert pipeline._sky(image, disparity, chosen.changed(sky=True))[:45].all()
 
 

@@ -345,7 +345,8 @@ def _match(
     if chosen.sky is True or (chosen.sky == "auto" and frame is None):
         with _timed(timings, "sky"):
             shown = _sky(pair.left, disparity, chosen)
-            _refuse(shown, Flag.SKY, disparity, confidence, flags)
+            rows = np.s_[: len(shown)]
+            _refuse(shown, Flag.SKY, disparity[rows], confidence[rows], flags[rows])
     beneath = None
     if chosen.planes is not None:
         with _timed(timings, "segments"):
@@ -431,25 +432,23 @@ def _match(
 
 
 def _sky(image: Image, disparity: DisparityMap, chosen: Settings) -> npt.NDArray[np.bool_]:
-    """Where the sky is; with "auto", above the ground of an open view alone."""
+    """Where the sky is, in as many of the first rows as can show it; with "auto", above open ground alone."""
     # Unchecked winners are of no use as witnesses against the sky.
     matched = None if chosen.left_right is None else disparity
     if chosen.sky is True:
         return sky.mask(image, matched, threads=chosen.threads)
-    shown, height = np.zeros(disparity.shape, bool), len(disparity)
+    height, width = disparity.shape
     ground = slant.road(disparity, slant.FIRST_WINDOW, threads=chosen.threads)
     farthest = sky.farthest_surface(disparity)
     if ground is None or farthest is None or farthest > (far := sky.OPEN * ground.nearest(disparity.shape)):
-        return shown
+        return np.zeros((0, width), bool)
     horizon = ground.first_row_above(0, disparity.shape)
+    if horizon == 0:
+        return np.zeros((0, width), bool)
     # A strip of the ground tells what is not sky where nothing stands on it.
     upper = np.s_[: horizon + height // 8]
-    if horizon > 0:
-        shown[upper] = sky.mask(
-            image[upper], None if matched is None else matched[upper], far, chosen.threads
-        )
-        shown[horizon:] = False
-    return shown
+    told = None if matched is None else matched[upper]
+    return sky.mask(image[upper], told, far, chosen.threads)[:horizon]
 
 
 def _sharpened(pixels: cost.Pixels, how: float | str, threads: int) -> cost.Pixels:

@@ -960,11 +960,13 @@ NB_MODULE(_core, m) {
     });
   });
 
-  m.def("relief", [](const Array<const float, 3>& planes, float calm, float unit, const Array<uint8_t, 2>& out, int threads) {
+  m.def("relief", [](const Array<const float, 3>& planes, float calm, float unit, const Array<uint8_t, 2>& out, int threads,
+                     const std::string& instructions) {
     const int C = planes.shape(0), H = planes.shape(1), W = planes.shape(2);
     require(unit > 0, "unit is above 0");
     require_shape(out, H, W);
-    run(threads, [&](const Workers& workers) { relief(planes.data(), C, H, W, calm, unit, out.data(), workers); });
+    const RowKernels& kernels = choose_rows(instructions);
+    run(threads, [&](const Workers& workers) { relief(planes.data(), C, H, W, calm, unit, out.data(), kernels, workers); });
   });
 
   m.def("flood", [](const Array<const uint8_t, 2>& relief, const Array<uint8_t, 2>& out) {

@@ -64,6 +64,12 @@ struct RowKernels {
   void (*median_of_nine)(const float* above, const float* here, const float* below, int width, float* filtered);
   // The same of 25 pixels in five rows, which have a margin of two pixels.
   void (*median_of_25)(const float* const* rows, int width, float* filtered);
+  // Weights 1 2 1 down the columns, then along the row, its ends repeated; `line` has room for these.
+  void (*blur)(const float* above, const float* here, const float* below, int width, float* line, float* blurred);
+  // The larger of what there was and of the central differences, halved; `line` as before.
+  void (*steepen)(const float* above, const float* here, const float* below, int width, float* line, float* steepest);
+  // (steepest - calm) / unit, rounded to even, within 0 and 255.
+  void (*quantise)(const float* steepest, float calm, float unit, int width, uint8_t* relief);
   // The smaller eigenvalue of the summed products of gradients about (x, y) of the left image.
   double (*cornerness)(const Windows& windows, int x, int y);
   // As `track`, of one point.

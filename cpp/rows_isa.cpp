@@ -282,6 +282,39 @@ static void median_of_25(const float* const* rows, int width, float* STEREOPSIS_
   }
 }
 
+// ---- an image's relief ------------------------------------------------------------------------------------------------------
+
+static void blur(const float* STEREOPSIS_RESTRICT above, const float* STEREOPSIS_RESTRICT here,
+                 const float* STEREOPSIS_RESTRICT below, int width, float* STEREOPSIS_RESTRICT line,
+                 float* STEREOPSIS_RESTRICT blurred) {
+  for (int x = 0; x < width; ++x) line[x + 1] = (above[x] + 2 * here[x] + below[x]) / 4;
+  line[0] = line[1];
+  line[width + 1] = line[width];
+  for (int x = 0; x < width; ++x) blurred[x] = (line[x] + 2 * line[x + 1] + line[x + 2]) / 4;
+}
+
+static void steepen(const float* STEREOPSIS_RESTRICT above, const float* STEREOPSIS_RESTRICT here,
+                    const float* STEREOPSIS_RESTRICT below, int width, float* STEREOPSIS_RESTRICT line,
+                    float* STEREOPSIS_RESTRICT steepest) {
+  memcpy(line + 1, here, width * sizeof *line);
+  line[0] = line[1];
+  line[width + 1] = line[width];
+  for (int x = 0; x < width; ++x) {
+    const float down = std::fabs(below[x] - above[x]) / 2, across = std::fabs(line[x + 2] - line[x]) / 2;
+    const float steeper = down > across ? down : across;
+    steepest[x] = steeper > steepest[x] ? steeper : steepest[x];
+  }
+}
+
+static void quantise(const float* STEREOPSIS_RESTRICT steepest, float calm, float unit, int width,
+                     uint8_t* STEREOPSIS_RESTRICT relief) {
+  constexpr float whole = 12582912;  // 1.5 2^23: added, it leaves no fraction, and what is half goes to the even one
+  for (int x = 0; x < width; ++x) {
+    const float level = (steepest[x] - calm) / unit, above = level > 0 ? level : 0, within = above < 255 ? above : 255;
+    relief[x] = static_cast<uint8_t>(static_cast<int32_t>(within + whole - whole));
+  }
+}
+
 // ---- tracked windows: kWide columns side by side, of which the last few count for nothing ---------------------------------
 
 constexpr int kWide = 16;
@@ -517,6 +550,9 @@ const RowKernels rows = {grey<int32_t, uint8_t>,
                          meet,
                          median_of_nine,
                          median_of_25,
+                         blur,
+                         steepen,
+                         quantise,
                          cornerness,
                          track};
 

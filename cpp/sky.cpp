@@ -4,45 +4,13 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "rows.hpp"
 #include "simd.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
 
 namespace {
-
-// Weights 1 2 1 down the columns, then along the row, its ends repeated; `line` has room for these.
-void blur_row(const float* STEREOPSIS_RESTRICT above, const float* STEREOPSIS_RESTRICT here,
-              const float* STEREOPSIS_RESTRICT below, int width, float* STEREOPSIS_RESTRICT line,
-              float* STEREOPSIS_RESTRICT blurred) {
-  for (int x = 0; x < width; ++x) line[x + 1] = (above[x] + 2 * here[x] + below[x]) / 4;
-  line[0] = line[1];
-  line[width + 1] = line[width];
-  for (int x = 0; x < width; ++x) blurred[x] = (line[x] + 2 * line[x + 1] + line[x + 2]) / 4;
-}
-
-// The larger of what there was and of the central differences.
-void steepen_row(const float* STEREOPSIS_RESTRICT above, const float* STEREOPSIS_RESTRICT here,
-                 const float* STEREOPSIS_RESTRICT below, int width, float* STEREOPSIS_RESTRICT line,
-                 float* STEREOPSIS_RESTRICT steepest) {
-  std::memcpy(line + 1, here, width * sizeof *line);
-  line[0] = line[1];
-  line[width + 1] = line[width];
-  for (int x = 0; x < width; ++x) {
-    const float down = std::fabs(below[x] - above[x]) / 2, across = std::fabs(line[x + 2] - line[x]) / 2;
-    const float steeper = down > across ? down : across;
-    steepest[x] = steeper > steepest[x] ? steeper : steepest[x];
-  }
-}
-
-void quantise_row(const float* STEREOPSIS_RESTRICT steepest, float calm, float unit, int width,
-                  uint8_t* STEREOPSIS_RESTRICT relief) {
-  constexpr float whole = 12582912;  // 1.5 2^23: added, it leaves no fraction, and what is half goes to the even one
-  for (int x = 0; x < width; ++x) {
-    const float level = (steepest[x] - calm) / unit, above = level > 0 ? level : 0, within = above < 255 ? above : 255;
-    relief[x] = static_cast<uint8_t>(static_cast<int32_t>(within + whole - whole));
-  }
-}
 
 // Adds how much the mask (1, -2, 1; -2, 4, -2; 1, -2, 1) answers to `count` elements, those of each channel apart.
 void respond(const float* STEREOPSIS_RESTRICT rows, size_t pitch, int channels, int count, float* STEREOPSIS_RESTRICT down,
@@ -64,7 +32,7 @@ struct Bordered {
 }  // namespace
 
 void relief(const float* planes, int channels, int height, int width, float calm, float unit, uint8_t* relief,
-            const Workers& workers) {
+            const RowKernels& kernels, const Workers& workers) {
   const int64_t pixels = static_cast<int64_t>(height) * width * channels;
   quick_bands(height, pixels, 1 << 16, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     const size_t pitch = width;
@@ -75,17 +43,17 @@ void relief(const float* planes, int channels, int height, int width, float calm
       const auto row = [&](auto* rows, int y) { return rows + std::clamp(y, first, last - 1) * pitch - first * pitch; };
       const auto of_image = [&](int y) { return plane + std::clamp(y, 0, height - 1) * pitch; };
       for (int y = first; y < last; ++y)
-        blur_row(of_image(y - 1), of_image(y), of_image(y + 1), width, line.data(), row(once.data(), y));
+        kernels.blur(of_image(y - 1), of_image(y), of_image(y + 1), width, line.data(), row(once.data(), y));
       if (cancel.load(std::memory_order_relaxed)) return;
       for (int y = std::max(0, begin - 1); y < std::min(height, end + 1); ++y)
-        blur_row(row(once.data(), y - 1), row(once.data(), y), row(once.data(), y + 1), width, line.data(),
-                 row(twice.data(), y));
+        kernels.blur(row(once.data(), y - 1), row(once.data(), y), row(once.data(), y + 1), width, line.data(),
+                     row(twice.data(), y));
       for (int y = begin; y < end; ++y)
-        steepen_row(row(twice.data(), y - 1), row(twice.data(), y), row(twice.data(), y + 1), width, line.data(),
-                    steepest.data() + (y - begin) * pitch);
+        kernels.steepen(row(twice.data(), y - 1), row(twice.data(), y), row(twice.data(), y + 1), width, line.data(),
+                        steepest.data() + (y - begin) * pitch);
     }
     for (int y = begin; y < end; ++y)
-      quantise_row(steepest.data() + (y - begin) * pitch, calm, unit, width, relief + y * pitch);
+      kernels.quantise(steepest.data() + (y - begin) * pitch, calm, unit, width, relief + y * pitch);
   });
 }
 

@@ -263,7 +263,7 @@ void cut_off(const float* disparity, int height, int width, int left, int area, 
 // The largest gradient of any channel, along rows or columns, after two blurs by binomial weights of 3 x 3, edges repeated, less
 // `calm`, in `unit`s, from 0 to 255.
 void relief(const float* planes, int channels, int height, int width, float calm, float unit, uint8_t* relief,
-            const Workers& workers);
+            const RowKernels& kernels, const Workers& workers);
 // How high a flood from above the first row has to rise to reach each pixel: over all 4-connected paths from the first row,
 // the least of the path's highest relief.
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers);

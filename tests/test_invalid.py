@@ -133,17 +133,18 @@ def test_noise_of_any_image(shape, dtype, seed):
     calm=some.sampled_from([0.0, 0.5, 20.0]),
     unit=some.sampled_from([0.1, 0.7, 40.0]),
     threads=some.integers(1, 5),
+    instructions=some.sampled_from(_core.instruction_sets()),
     seed=SEEDS,
 )
 @settings(max_examples=60, deadline=None)
-def test_relief_of_any_image(shape, calm, unit, threads, seed):
+def test_relief_of_any_image(shape, calm, unit, threads, instructions, seed):
     planes = np.random.default_rng(seed).uniform(-30, 30, shape).astype(np.float32)
     relief = np.empty(shape[1:], np.uint8)
-    _core.relief(planes, calm, unit, relief, threads)
+    _core.relief(planes, calm, unit, relief, threads, instructions)
     exact = np.clip(reference.relief(planes, calm, unit), 0, 255)
     assert np.abs(relief - exact).max() <= 0.5 + 1e-3
     alone = np.empty_like(relief)
-    _core.relief(planes, calm, unit, alone, 1)
+    _core.relief(planes, calm, unit, alone, 1, "generic")
     np.testing.assert_array_equal(relief, alone)
 
 
@@ -151,7 +152,7 @@ def test_relief_is_as_many_threads_found_it():
     planes = np.random.default_rng(8).uniform(0, 1, (3, 300, 400)).astype(np.float32)
     found = [np.empty((300, 400), np.uint8) for _ in range(3)]
     for relief, threads in zip(found, (1, 2, 7), strict=True):
-        _core.relief(planes, 0.01, 0.002, relief, threads)
+        _core.relief(planes, 0.01, 0.002, relief, threads, "")
     assert np.ptp(found[0]) > 80
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
@@ -159,9 +160,9 @@ def test_relief_is_as_many_threads_found_it():
 
 def test_relief_refuses_what_does_not_fit():
     with pytest.raises(ValueError, match="shape"):
-        _core.relief(np.zeros((1, 2, 3), np.float32), 0.0, 1.0, np.empty((3, 2), np.uint8), 1)
+        _core.relief(np.zeros((1, 2, 3), np.float32), 0.0, 1.0, np.empty((3, 2), np.uint8), 1, "")
     with pytest.raises(ValueError, match="unit"):
-        _core.relief(np.zeros((1, 2, 3), np.float32), 0.0, 0.0, np.empty((2, 3), np.uint8), 1)
+        _core.relief(np.zeros((1, 2, 3), np.float32), 0.0, 0.0, np.empty((2, 3), np.uint8), 1, "")
 
 
 def test_the_sky_of_a_clear_street(street):

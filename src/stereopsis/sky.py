@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import _core, noise
+from stereopsis import _core, _instructions, noise
 from stereopsis.types import DisparityMap
 
 BoolMap = npt.NDArray[np.bool_]
@@ -104,7 +104,7 @@ def mask(
         far = farthest + FAR
     near = None if disparity is None or far is None else disparity > np.float32(far)
     relief, level = np.empty((2, *colour.shape[1:]), np.uint8)
-    _core.relief(colour, NOISE * sigma, float(high - low) * STEP, relief, threads)
+    _core.relief(colour, NOISE * sigma, float(high - low) * STEP, relief, threads, _instructions.forced())
     _core.flood(relief, level)
     if np.mean(level <= SMOOTH) > 0.99:
         return _without_walls(np.ones(level.shape, bool), near)

@@ -869,6 +869,7 @@ _BALANCED = Settings(
     optimize=SGM(paths=4, p1=72, p2=560, p2_min=260, contrast=20, unit=4),
     slant="road",
     left_right=1.0,
+    sky="auto",
     median=3,
     speckle=(200, 1.0),
     planar=(49, 25),
@@ -896,7 +897,6 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
             median=5,
             # What else is wrong the confidence finds.
             speckle=(100, 1.0),
-            sky="auto",
             fill="surfaces",
             confidence="calibrated",
             least_confidence=0.85,

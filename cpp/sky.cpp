@@ -60,20 +60,21 @@ void relief(const float* planes, int channels, int height, int width, float calm
 void flood(const uint8_t* relief, int height, int width, uint8_t* level, const Workers& workers) {
   // The water rises a level at a time; `front[k]` holds the pixels that it reaches at level k, so that the whole is linear.
   parallel_rows(1, 1, workers.interrupted, [&](int, int, const Cancel& cancel) {
+    using Place = uint32_t;
     const Bordered frame(height, width);
     std::vector<uint8_t> dry(frame.size()), levels(frame.size());
-    std::vector<std::vector<size_t>> front(256);
+    std::vector<std::vector<Place>> front(256);
     for (int y = 0; y < height; ++y) {
       std::memset(&dry[frame.at(y)], 1, width);
       std::memcpy(&levels[frame.at(y)], relief + static_cast<size_t>(y) * width, width);
     }
-    std::vector<size_t> open;  // reached at the level that the water has
+    std::vector<Place> open;  // reached at the level that the water has
     const auto reach = [&](size_t at, int water) {
       if (!dry[at]) return;
       dry[at] = 0;
-      if (levels[at] > water) return front[levels[at]].push_back(at);
+      if (levels[at] > water) return front[levels[at]].push_back(static_cast<Place>(at));
       levels[at] = static_cast<uint8_t>(water);
-      open.push_back(at);
+      open.push_back(static_cast<Place>(at));
     };
     for (int x = 0; x < width && height > 0; ++x) reach(frame.at(0) + x, 0);
     for (int water = 0; water < 256; ++water) {

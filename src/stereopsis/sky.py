@@ -152,11 +152,14 @@ def _level(colour: Floats, level: npt.NDArray[np.uint8]) -> int:
 
 def _alike(colour: Floats, inside: BoolMap, few: tuple[slice, slice]) -> BoolMap:
     """Where the colour is nearer to that inside than to that outside, by Fisher's linear discriminant."""
-    some, within = np.ascontiguousarray(colour[:, *few]), inside[few]
-    parts = [some[:, where].astype(np.float64) for where in (within, ~within)]
-    means = [part.mean(axis=1) for part in parts]
-    centred = np.concatenate([part - mean[:, None] for part, mean in zip(parts, means, strict=True)], axis=1)
-    scatter = centred @ centred.T / centred.shape[1]
+    some = colour[:, *few].reshape(len(colour), -1).astype(np.float64)
+    within = inside[few].ravel()
+    parts = [part.astype(np.float64) for part in (within, ~within)]
+    # Not products of matrices: a linear algebra library's threads would go on waiting beside what follows.
+    means = [np.einsum("cn,n->c", some, part) / part.sum() for part in parts]
+    scatter = np.einsum("cn,dn->cd", some, some)
+    scatter -= sum(part.sum() * np.outer(mean, mean) for part, mean in zip(parts, means, strict=True))
+    scatter /= some.shape[1]
     # Grey images saved in colour have a scatter of rank 1.
     scatter += np.eye(len(colour)) * (1e-4 * np.trace(scatter) + 1e-12)
     weights = np.linalg.solve(scatter, means[0] - means[1])

@@ -261,6 +261,16 @@ def test_the_range_and_the_noise_are_the_whole_image_s(shape, channels, band, se
     assert known.settings.texture == pipeline.validate.texture_of_noise(deviation, (5, 5))
 
 
+@pytest.mark.parametrize("preset", ["balanced", "accurate"])
+def test_tiles_know_of_no_horizon(preset):
+    scene = st.scenes.street(300, 130, seed=5, gray=True)
+    chosen = PRESETS[preset].changed(disparities=(0, 32), vertical=None)
+    assert chosen.sky == "auto"
+    reach.refuse(chosen)
+    known = survey.survey(Array(scene.left), Array(scene.right), chosen)
+    assert known.settings.sky is False
+
+
 @pytest.mark.parametrize("preset", ["balanced", "local"])
 def test_planes_are_found_in_tiles(preset):
     scene = st.scenes.street(600, 260, seed=5, gray=True)

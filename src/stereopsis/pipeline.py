@@ -342,7 +342,7 @@ def _match(
     if chosen.speckle is not None:
         with _timed(timings, "speckle"):
             validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags, chosen.threads)
-    if chosen.sky is True or (chosen.sky == "auto" and frame is None):
+    if chosen.sky:
         with _timed(timings, "sky"):
             shown = _sky(pair.left, disparity, chosen)
             rows = np.s_[: len(shown)]

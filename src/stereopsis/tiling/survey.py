@@ -76,6 +76,9 @@ def survey(
     if chosen.texture == "auto":
         told("noise")
         chosen = chosen.changed(texture=_texture(whole))
+    if chosen.sky == "auto":
+        # No tile knows where the image's horizon is.
+        chosen = chosen.changed(sky=False)
     frame = Frame((left.shape[0], left.shape[1]))
     moves = isinstance(chosen.vertical, Vertical) and any(chosen.vertical)
     if moves:

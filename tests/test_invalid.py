@@ -264,6 +264,24 @@ def test_a_bright_wall_behind_a_floor_is_no_sky(farthest):
     assert pipeline._sky(image, disparity, chosen.changed(sky=True))[:45].all()
 
 
+@pytest.mark.parametrize("preset", ["balanced", "accurate"])
+@pytest.mark.parametrize("first", [0, 330])
+def test_a_white_lorry_before_the_sky_is_no_sky(street, preset, first):
+    near, rows, columns = 40, 150, 260
+    rng = np.random.default_rng(3)
+    left, right = street.left.copy(), street.right.copy()
+    body = 250 + rng.normal(0, 1, (rows, columns, 3))
+    seen = slice(max(0, near - first), columns)
+    left[:rows, first : first + columns] = np.clip(body, 0, 255)
+    there = np.clip(body + rng.normal(0, 1.4, body.shape), 0, 255)[:, seen]
+    right[:rows, first + seen.start - near : first + columns - near] = there
+    result = st.match(left, right, preset=preset, disparities=(0, 128))
+    inside = np.s_[5 : rows - 5, first + 5 : first + columns - 5]
+    assert not (result.flags[inside] & st.Flag.SKY).any()
+    assert (np.abs(result.disparity[inside] - near) < 3).mean() > 0.99
+    assert (result.flags[:100] & st.Flag.SKY).any()
+
+
 def test_without_ground_there_is_no_open_view():
     image = np.random.default_rng(4).integers(0, 120, (60, 90)).astype(np.uint8)
     image[:30] = 200

@@ -313,7 +313,9 @@ def _match(
         with _timed(timings, "texture"):
             if chosen.texture is not None:
                 least = (
-                    validate.texture_of_noise(noise.deviation(pixels.left) * pixels.level, chosen.cost.size)
+                    validate.texture_of_noise(
+                        noise.deviation(pixels.left, chosen.threads) * pixels.level, chosen.cost.size
+                    )
                     if chosen.texture == "auto"
                     else chosen.texture
                 )

@@ -96,7 +96,7 @@ def mask(
     scaled = _scaled(image)
     colour = np.ascontiguousarray(scaled[None] if image.ndim == 2 else np.moveaxis(scaled, 2, 0))
     sigma = noise.deviation(scaled, threads)
-    few = (slice(None, None, _step(image)),) * 2
+    few = _few(image)
     low, high = np.quantile(colour[:, *few], [0.005, 0.995])
     if not high - low > max(6 * sigma, 1e-6):
         return np.zeros(colour.shape[1:], bool)
@@ -123,14 +123,15 @@ def mask(
 
 def farthest_surface(disparity: DisparityMap) -> float | None:
     """The disparity of the farthest surface that was matched; None where nothing was."""
-    matched = disparity[(slice(None, None, _step(disparity)),) * 2]
+    matched = disparity[_few(disparity)]
     matched = matched[np.isfinite(matched)]
     return float(np.quantile(matched, FARTHEST)) if matched.size else None
 
 
-def _step(image: npt.NDArray[Any]) -> int:
-    """Every how manyeth row and column are looked at."""
-    return max(1, int(np.sqrt(image.shape[0] * image.shape[1] / FEW)))
+def _few(image: npt.NDArray[Any]) -> tuple[slice, slice]:
+    """The rows and columns that are looked at."""
+    each = slice(None, None, max(1, int(np.sqrt(image.shape[0] * image.shape[1] / FEW))))
+    return each, each
 
 
 def _scaled(image: npt.NDArray[Any]) -> Floats:

@@ -170,7 +170,7 @@ def _texture(whole: _Pair) -> float:
         level = pixels.level
         # What is left at the image's end is no block, unless it is the whole image.
         if top == 0 or part.shape[0] >= noise.BLOCK + 2:
-            means.append(noise.block_means(pixels.left))
+            means.append(noise.block_means(pixels.left, threads=whole.settings.threads))
     deviation = noise.deviation_of(np.concatenate(means)) if means else 0.0
     return validate.texture_of_noise(deviation * level, whole.settings.cost.size)
 

@@ -84,21 +84,21 @@ class Deep {
 
   size_t bytes() const { return arena_.used; }
 
-  void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
+  void rows(const FusedOutput& out, RowsToTake& rows, const Cancel& cancel) {
     std::memset(arena_.base, 0, arena_.used);
     for (int i = 0; i < padded_; ++i) index_[i] = static_cast<Number>(i);
     fill(worst, static_cast<int>(kChunk * stride() + kChunk), costs_);
     // The sums of the row before the first one.
-    const int top = begin - 1 - s_.window.above();
+    const int step = rows.step(), top = rows.first() - step - s_.window.above();
     for (int y = top; y < top + s_.window.height; ++y) {
       change_rows(y, nullptr);
       accumulate();
       if (cancel.load(std::memory_order_relaxed)) return;
     }
-    for (int y = begin; y < end; ++y) {
+    for (int y = rows.first(); rows.take(); y += step) {
       if (cancel.load(std::memory_order_relaxed)) return;
-      const int leaving = y - 1 - s_.window.above();
-      change_rows(y + s_.window.below(), &leaving);
+      const int leaving = y - step + s_.window.ahead(-step);
+      change_rows(y + s_.window.ahead(step), &leaving);
       window_statistics();
       match_row();
       if (Cost::base != 0)
@@ -398,9 +398,9 @@ size_t scratch_bytes(const Pair& pair, const FusedSettings& settings) {
   return bytes;
 }
 
-void rows(const Pair& pair, const FusedSettings& settings, const FusedOutput& out, int begin, int end, void* scratch,
+void rows(const Pair& pair, const FusedSettings& settings, const FusedOutput& out, RowsToTake& rows, void* scratch,
           const Cancel& cancel) {
-  with_kernel(pair, settings, scratch, [&](auto&& kernel) { kernel.rows(out, begin, end, cancel); });
+  with_kernel(pair, settings, scratch, [&](auto&& kernel) { kernel.rows(out, rows, cancel); });
 }
 
 }  // namespace

@@ -17,6 +17,8 @@ struct Window {
   int right() const { return width - 1 - left(); }
   int above() const { return height / 2; }
   int below() const { return height - 1 - above(); }
+  // From its anchor to the last row in the direction of `step`, 1 or -1.
+  int ahead(int step) const { return step > 0 ? below() : -above(); }
   int64_t area() const { return static_cast<int64_t>(width) * height; }
 };
 
@@ -94,22 +96,45 @@ class Cancel {
   void* whom_ = nullptr;
 };
 
+// Rows [begin, end) as a thread takes them, one after another: alone, from the top; or with a second one that starts at the
+// bottom, until they meet. So neither waits for the other, whenever it could start and however often its core was lent away.
+class RowsToTake {
+ public:
+  RowsToTake(int begin, int end) : alone_(end - begin), left_(&alone_), first_(begin), step_(1) {}
+  // `left` of them nobody has taken: all, before the first of the two takes one.
+  RowsToTake(int begin, int end, std::atomic<int>& left, bool upwards)
+      : alone_(0), left_(&left), first_(upwards ? end - 1 : begin), step_(upwards ? -1 : 1) {}
+  RowsToTake(const RowsToTake&) = delete;
+  RowsToTake& operator=(const RowsToTake&) = delete;
+
+  int first() const { return first_; }
+  int step() const { return step_; }
+  bool any() const { return left_->load(std::memory_order_relaxed) > 0; }
+  // Whether the next one is the caller's.
+  bool take() { return left_->fetch_sub(1, std::memory_order_relaxed) > 0; }
+
+ private:
+  std::atomic<int> alone_;
+  std::atomic<int>* left_;
+  int first_, step_;
+};
+
 // int32 images where `deep_fits`: as FusedKernel has it.
 struct DeepKernel {
   size_t (*scratch_bytes)(const Pair&, const FusedSettings&);
-  void (*rows)(const Pair&, const FusedSettings&, const FusedOutput&, int begin, int end, void* scratch, const Cancel& cancel);
+  void (*rows)(const Pair&, const FusedSettings&, const FusedOutput&, RowsToTake& rows, void* scratch, const Cancel& cancel);
 };
 
 struct SupportKernels;
 
-// What one build of the kernels offers. `rows` matches rows [begin, end): of uint8 images where `narrow`, of int32 ones
-// (16-bit pixels, or 21-bit fixed point) where not; `scratch` is 64-byte aligned and holds `scratch_bytes`; it stops
+// What one build of the kernels offers. `rows` matches the rows that it can take: of uint8 images where `narrow`, of int32
+// ones (16-bit pixels, or 21-bit fixed point) where not; `scratch` is 64-byte aligned and holds `scratch_bytes`; it stops
 // early when `cancel` is set.
 struct GaussianKernel;  // see gaussian.hpp
 struct FusedKernel {
   const char* name;
   size_t (*scratch_bytes)(const Pair&, const FusedSettings&, bool narrow);
-  void (*rows)(const Pair&, const FusedSettings&, bool narrow, const FusedOutput&, int begin, int end, void* scratch,
+  void (*rows)(const Pair&, const FusedSettings&, bool narrow, const FusedOutput&, RowsToTake& rows, void* scratch,
                const Cancel& cancel);
   const SupportKernels* supports;  // costs over weighted supports: supports.hpp
   const GaussianKernel* gaussian;

@@ -56,10 +56,11 @@ size_t scratch_bytes(const Pair& pair, const FusedSettings& settings, bool narro
   return bytes;
 }
 
-void rows(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedOutput& out, int begin, int end,
+void rows(const Pair& pair, const FusedSettings& settings, bool narrow, const FusedOutput& out, RowsToTake& rows,
           void* scratch, const Cancel& cancel) {
-  if (is_deep(pair, settings, narrow)) return deep.rows(pair, settings, out, begin, end, scratch, cancel);
-  with_kernel(pair, settings, narrow, scratch, [&](auto&& kernel) { kernel.rows(out, begin, end, cancel); });
+  if (!rows.any()) return;
+  if (is_deep(pair, settings, narrow)) return deep.rows(pair, settings, out, rows, scratch, cancel);
+  with_kernel(pair, settings, narrow, scratch, [&](auto&& kernel) { kernel.rows(out, rows, cancel); });
 }
 
 template <class Visit>

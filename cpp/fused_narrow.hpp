@@ -386,7 +386,7 @@ class Narrow {
 
   size_t bytes() const { return arena_.used; }
 
-  void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
+  void rows(const FusedOutput& out, RowsToTake& rows, const Cancel& cancel) {
     // All but the sums, which the first pass sets.
     char* const rest = reinterpret_cast<char*>(slide_);
     std::memset(rest, 0, arena_.used - (rest - arena_.base));
@@ -403,16 +403,16 @@ class Narrow {
     fill(nothing_met, blocks_ * stats_, right_met_);
     if (T::normalised) fill(std::numeric_limits<float>::quiet_NaN(), stats_ + kStretch, right_.scale.row - kStretch);
     // The sums of the row before the first one: its window's rows, two a pass.
-    const int top = begin - 1 - s_.window.above();
+    const int step = rows.step(), top = rows.first() - step - s_.window.above();
     for (int y = top; y < top + s_.window.height; y += 2) {
       const bool two = y + 1 < top + s_.window.height;
       change_rows({inside(y), 1, inside(two ? y + 1 : y), two ? 1 : 0});
       accumulate(y == top);
       if (cancel.load(std::memory_order_relaxed)) return;
     }
-    for (int y = begin; y < end; ++y) {
+    for (int y = rows.first(); rows.take(); y += step) {
       if (cancel.load(std::memory_order_relaxed)) return;
-      change_rows({inside(y + s_.window.below()), 1, inside(y - 1 - s_.window.above()), -1});
+      change_rows({inside(y + s_.window.ahead(step)), 1, inside(y - step + s_.window.ahead(-step)), -1});
       window_statistics();
       volume_row_ = out.volume ? out.volume + static_cast<size_t>(y) * p_.width * p_.count : nullptr;
       match_row();

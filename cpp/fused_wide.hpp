@@ -52,20 +52,20 @@ class Wide {
 
   size_t bytes() const { return arena_.used; }
 
-  void rows(const FusedOutput& out, int begin, int end, const Cancel& cancel) {
+  void rows(const FusedOutput& out, RowsToTake& rows, const Cancel& cancel) {
     std::memset(arena_.base, 0, arena_.used);
-    const int top = begin - 1 - s_.window.above();
+    const int step = rows.step(), top = rows.first() - step - s_.window.above();
     for (int y = top; y < top + s_.window.height; ++y) {
       take_row(0, inside(y));
       add_moments(0, 1);
       if (slides) accumulate(1, 0);
       if (cancel.load(std::memory_order_relaxed)) return;
     }
-    for (int y = begin; y < end; ++y) {
+    for (int y = rows.first(); rows.take(); y += step) {
       if (cancel.load(std::memory_order_relaxed)) return;
-      take_row(0, inside(y + s_.window.below()));
+      take_row(0, inside(y + s_.window.ahead(step)));
       add_moments(0, 1);
-      take_row(1, inside(y - 1 - s_.window.above()));
+      take_row(1, inside(y - step + s_.window.ahead(-step)));
       add_moments(1, -1);
       if (slides)
         accumulate(1, -1);

@@ -21,9 +21,18 @@ void match(const Pair& pair, const FusedSettings& given, bool narrow, const Fuse
            const Workers& workers) {
   FusedSettings settings = given;
   if (!narrow) settings.range = range_of(pair);
-  parallel_rows(pair.height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+  // Two threads share a band, the odd one has its own.
+  const int threads = std::max(1, std::min(workers.threads, pair.height)), bands = (threads + 1) / 2;
+  const auto edge = [&](int band) {
+    return static_cast<int>(static_cast<int64_t>(pair.height) * std::min(2 * band, threads) / threads);
+  };
+  std::vector<std::atomic<int>> left(bands);
+  for (int band = 0; band < bands; ++band) left[band] = edge(band + 1) - edge(band);
+  parallel_rows(threads, threads, workers.interrupted, [&](int thread, int, const Cancel& cancel) {
+    const int band = thread / 2;
+    RowsToTake rows(edge(band), edge(band + 1), left[band], thread % 2 == 1);
     const Scratch scratch(kernel.scratch_bytes(pair, settings, narrow));
-    kernel.rows(pair, settings, narrow, out, begin, end, scratch.memory, cancel);
+    kernel.rows(pair, settings, narrow, out, rows, scratch.memory, cancel);
   });
 }
 

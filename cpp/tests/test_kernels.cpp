@@ -316,7 +316,10 @@ Answer stream(const FusedKernel& kernel, const Problem& p, const FusedSettings& 
   const Cancel cancel{false};
   for (int k = 0; k < bands; ++k) {
     const Scratch scratch(kernel.scratch_bytes(pair, s, narrow));
-    kernel.rows(pair, s, narrow, answer.out(), p.height * k / bands, p.height * (k + 1) / bands, scratch.memory, cancel);
+    const int begin = p.height * k / bands, end = p.height * (k + 1) / bands;
+    std::atomic<int> left{end - begin};
+    RowsToTake rows(begin, end, left, k % 2 == 1);
+    kernel.rows(pair, s, narrow, answer.out(), rows, scratch.memory, cancel);
   }
   return answer;
 }
@@ -1402,7 +1405,8 @@ void test_interruption() {
       const Cancel cancel{true};
       Answer untouched(answer.flags.size());
       const Scratch scratch(kernel->scratch_bytes(p.wide(), s, false));
-      kernel->rows(p.wide(), s, false, untouched.out(), 0, p.height, scratch.memory, cancel);
+      RowsToTake rows(0, p.height);
+      kernel->rows(p.wide(), s, false, untouched.out(), rows, scratch.memory, cancel);
       CHECK(std::count(untouched.flags.begin(), untouched.flags.end(), 255) == static_cast<ptrdiff_t>(untouched.flags.size()),
             std::string(kernel->name) + " " + name(cost));
     }

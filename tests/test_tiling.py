@@ -44,6 +44,8 @@ def test_settings_that_need_the_whole_image_are_refused_by_name():
             reach.refuse(Settings().changed(**{name: value}))
     with pytest.raises(ValueError, match=r"^cost must be a cost of pixels, NCC or ZNCC with SGM in tiles"):
         reach.refuse(Settings(cost=st.SSD(5), optimize=st.SGM()))
+    with pytest.raises(ValueError, match=r"^sky must be False or 'auto' in tiles, not True"):
+        reach.refuse(Settings(sky=True))
     with pytest.raises(ValueError, match="disparities and vertical must be known"):
         reach.halo(Settings(vertical="estimate", disparities=(0, 5)))
     assert [reach.measured(PRESETS[name]) for name in ("fast", "balanced", "accurate", "local")] == [

@@ -207,9 +207,19 @@ def refuse(settings: Settings) -> None:
         )
     if isinstance(settings.cost, pixelwise.Pixelwise) and pixelwise.needs_information(settings.cost):
         raise ValueError("cost must not be MutualInformation in tiles: it is learnt from the whole image")
-    for name, off in (("reflection", None), ("sky", False), ("planes", None), ("pyramid", None)):
-        if getattr(settings, name) not in (off, "auto"):
-            raise ValueError(f"{name} must be {off} in tiles: it looks at the whole image at once")
+    # What "auto" means for the sky, a tiled match decides for all tiles.
+    for name, allowed in (
+        ("reflection", (None,)),
+        ("sky", (False, "auto")),
+        ("planes", (None,)),
+        ("pyramid", (None,)),
+    ):
+        value = getattr(settings, name)
+        if value not in allowed:
+            choices = " or ".join(map(repr, allowed))
+            raise ValueError(
+                f"{name} must be {choices} in tiles, not {value!r}: it looks at the whole image at once"
+            )
     if settings.keep:
         raise ValueError(f"keep must be empty in tiles, not {settings.keep!r}: arrays are not put together")
 

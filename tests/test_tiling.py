@@ -273,10 +273,11 @@ def test_tiles_know_of_no_horizon(preset):
     assert known.settings.sky is False
 
 
+@pytest.mark.parametrize("vertical", [None, (0.2, 0.1, -0.1, 4.0)])
 @pytest.mark.parametrize("preset", ["balanced", "local"])
-def test_planes_are_found_in_tiles(preset):
+def test_planes_are_found_in_tiles(preset, vertical):
     scene = st.scenes.street(600, 260, seed=5, gray=True)
-    chosen = PRESETS[preset].changed(disparities=(0, 64), vertical=None, speckle=None)
+    chosen = PRESETS[preset].changed(disparities=(0, 64), vertical=vertical, speckle=None)
     whole = st.match(scene.left, scene.right, settings=chosen, keep=("planes",)).stages["planes"]
     left, right = Array(scene.left), Array(scene.right)
     known = survey.survey(left, right, chosen)

@@ -275,7 +275,7 @@ def test_pairs_and_settings_that_are_refused(pair, tmp_path):
     tifffile.imwrite(tmp_path / "other.tif", texture(300, 421))
     with pytest.raises(ValueError, match=r"must be alike: .*left\.tif is 420 x 300 grey uint8, .*421 x 300"):
         tiling.match(left, tmp_path / "other.tif", tmp_path / "out.tif")
-    with pytest.raises(ValueError, match=r"^sky must be False in tiles"):
+    with pytest.raises(ValueError, match=r"^sky must be False or 'auto' in tiles"):
         tiling.match(left, right, tmp_path / "out.tif", settings=FAST.changed(sky=True))
     with pytest.raises(ValueError, match=r"^memory must leave at least .* MiB for a tile and its halo of"):
         tiling.match(left, right, tmp_path / "out.tif", settings=FAST, memory=1000)
@@ -454,7 +454,7 @@ def test_the_command_writes_anything_where_the_whole_fits(pair, tmp_path, capsys
     ("arguments", "message"),
     [
         (("--memory", "much"), "memory must be an amount such as 2GiB"),
-        (("--memory", "1GiB", "--set", "sky=on"), "sky must be False in tiles"),
+        (("--memory", "1GiB", "--set", "sky=on"), "sky must be False or 'auto' in tiles"),
         (("--memory", "1MiB"), "memory must leave at least"),
     ],
 )

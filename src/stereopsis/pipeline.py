@@ -413,7 +413,8 @@ def _match(
             if chosen.median is not None:
                 disparity = refine.median(disparity, chosen.median, chosen.threads)
 
-    if isinstance(chosen.vertical, Vertical) and chosen.vertical.keystone:
+    bowed = frame is not None and frame.bowed
+    if isinstance(chosen.vertical, Vertical) and chosen.vertical.keystone and not bowed:
         with _timed(timings, "vertical"):
             disparity = np.ascontiguousarray(disparity)
             known = chosen.vertical, chosen.disparities, chosen.threads, frame

@@ -172,6 +172,8 @@ class Frame:
     planes : tuple of (float, float, float) or None
         Along which windows are matched, as ``a, b, c`` of ``d = a x + b y + c`` over the whole image; None:
         to be found in the part.
+    bowed : bool
+        Whether disparities stay as a camera that is turned sideways bows them (`rectify.unbow`).
     """
 
     shape: tuple[int, int]
@@ -180,6 +182,7 @@ class Frame:
     limits: tuple[int, int, int, int] | None = None
     levels: tuple[int, int] | None = None
     planes: tuple[tuple[float, float, float], ...] | None = None
+    bowed: bool = False
 
 
 @dataclass(frozen=True)

@@ -224,7 +224,9 @@ def with_planes(
     chosen = known.settings
     if chosen.slant is None:
         return known
-    first = dataclasses.replace(known, settings=_level(chosen))
+    # What is matched along them is bowed too, until the end.
+    frame = dataclasses.replace(known.frame, bowed=True)
+    first = dataclasses.replace(known, settings=_level(chosen), frame=frame)
     step = slant.thinning(math.prod(known.frame.shape))
     rows, columns = (-(-side // step) for side in known.frame.shape)
     thinned = np.full((rows, columns), np.nan, np.float32)

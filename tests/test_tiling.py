@@ -206,9 +206,12 @@ def test_the_same_bits_the_other_ways_through_the_stages(others, dtype):
     assert_same_bits(*a_pair((90, 131), dtype, 4), chosen, (31, 37))
 
 
-def test_values_that_the_map_bounds_are_near():
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_values_that_the_map_bounds_are_near(dtype):
     """The weighted median's steps depend on the greatest disparity, so they are finer in some tiles."""
-    left, right = a_pair((60, 90), "uint8", 5)
+    left, right = (np.clip(image, 0, None) for image in a_pair((60, 90), dtype, 5))
+    for image in (left, right):
+        image[:30] = image[:30] / 16  # tiles that would see other grey levels by themselves
     chosen = Settings(disparities=(0, 14), cost=st.ZNCC(5), weighted_median=(5, 10.0))
     _, (disparity, _, _) = in_tiles(left, right, chosen, (20, 30))
     np.testing.assert_allclose(disparity, st.match(left, right, settings=chosen).disparity, atol=1 / 64)

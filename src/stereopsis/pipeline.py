@@ -384,14 +384,12 @@ def _match(
         with _timed(timings, "weighted median"):
             size, levels = chosen.weighted_median
             disparity = smooth.weighted_median(
-                disparity, pixels.left, size, levels, pixels.level, chosen.threads
+                disparity, _guide(pixels), size, levels, threads=chosen.threads
             )
     if chosen.edge_aware is not None:
         with _timed(timings, "edge-aware"):
             strength, levels = chosen.edge_aware
-            disparity = smooth.edge_aware(
-                disparity, pixels.left, strength, levels, 2, pixels.level, chosen.threads
-            )
+            disparity = smooth.edge_aware(disparity, _guide(pixels), strength, levels, threads=chosen.threads)
             np.clip(disparity, chosen.disparities.min, chosen.disparities.max - 1, out=disparity)
     if chosen.confidence is not None:
         with _timed(timings, "confidence"):
@@ -478,7 +476,7 @@ def _filled(
         case "interpolate":
             return fill.interpolate(disparity, flags)
         case "surfaces":
-            return fill.surfaces(disparity, flags, pixels.left, pixels.level, threads)
+            return fill.surfaces(disparity, flags, _guide(pixels), threads=threads)
         case _:
             return fill.background(disparity, threads)
 
@@ -500,6 +498,11 @@ def _refilled(
         np.copyto(found, smooth, where=filled)
         np.clip(found, bounds.min, bounds.max - 1, out=found)
     return found
+
+
+def _guide(pixels: cost.Pixels) -> npt.NDArray[np.uint8]:
+    """The left image in bytes: its edges are the same, however many bits its pixels have."""
+    return pixels.left if pixels.left.dtype == np.uint8 else _fused.guide_of(pixels)[..., None]
 
 
 def _seen(pair: Pair, pixels: cost.Pixels) -> npt.NDArray[np.uint8]:

@@ -214,10 +214,10 @@ class Settings:
         their segment, which needs `planes`. None: they stay NaN.
     weighted_median : (int, float) or None
         Median over so many pixels square, odd, up to 11, each weighted by how much it looks like the middle
-        one: the second says over how many grey levels (of 255). After filling. None: off.
+        one: the second says over how many grey levels (of 256). After filling. None: off.
     edge_aware : (float, float) or None
         Weighted least squares along the image's edges, from slanted surfaces: strength, up to 100 000, and
-        the grey levels (of 255) that make an edge. After filling and the weighted median. None: off.
+        the grey levels (of 256) that make an edge. After filling and the weighted median. None: off.
     confidence : {"calibrated"} or None
         What the result's confidence is: the probability that an answer is within 3 pixels of the truth, from
         the map around it, for filled pixels too. None: how sharp the winner's minimum is.

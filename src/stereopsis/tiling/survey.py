@@ -177,7 +177,8 @@ def _texture(whole: _Pair) -> float:
 
 def _takes_levels(chosen: Settings) -> bool:
     contrast = isinstance(chosen.optimize, sgm.SGM) and chosen.optimize.contrast is not None
-    guided = chosen.confidence is not None or chosen.outlines
+    smoothed = chosen.weighted_median is not None or chosen.edge_aware is not None
+    guided = smoothed or chosen.fill == "surfaces" or chosen.confidence is not None or chosen.outlines
     return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or guided
 
 

@@ -58,10 +58,12 @@ def main() -> None:
 
 def as_kind(kind: str, image: npt.NDArray[np.generic], colour: bool) -> npt.NDArray[np.generic]:
     """The image's levels, of which only the first kind knows whole ones where grey is the channels' mean."""
-    levels = np.asarray(image, np.float32)
+    levels = np.array(image, np.float32)
     levels = levels.mean(axis=2) if levels.ndim == 3 and not colour else levels
     if kind == "8 bits":
         return levels.astype(np.uint8)
+    # With a pixel between two levels they are not matched as bytes.
+    levels[0, 0] += np.float32(0.3)
     if kind == "float":
         return levels / np.float32(255)
     return (levels * np.float32({"12 bits": 16, "16 bits": 256}[kind])).astype(np.uint16)

@@ -28,7 +28,8 @@ class Pixels(NamedTuple):
     left, right : ndarray, (H, W, C)
         Contiguous; uint8, or int32.
     step : float
-        What one unit is worth in the image's own grey levels: 1, but for float images.
+        What one unit is worth in the image's own grey levels: 1, but for float images and for bytes that
+        came in another type (`stereopsis.quantum`).
     limits : (int, int) or None
         Least and greatest pixel of both images where these are parts of larger ones. None: their own.
     """
@@ -44,7 +45,7 @@ class Pixels(NamedTuple):
 
         They are taken to where they stay below 2.
         """
-        return 255 * self.step if self.step <= 2.0 ** (1 - FLOAT_BITS) else self.step
+        return 255 * self.step if self.step <= 2.0 ** (1 - FLOAT_BITS) or self.step == 1 / 255 else self.step
 
 
 def halo(window: tuple[int, int]) -> Halo:

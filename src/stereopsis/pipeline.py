@@ -5,6 +5,7 @@ read → cost → aggregate → optimize → select → validate → refine → 
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ from stereopsis import (
     pixelwise,
     planes,
     pyramid,
+    quantum,
     rectify,
     refine,
     select,
@@ -209,7 +211,12 @@ def match(
 
 
 def match_part(
-    left: Image, right: Image, chosen: Settings, frame: Frame, largest: float | None = None
+    left: Image,
+    right: Image,
+    chosen: Settings,
+    frame: Frame,
+    largest: float | None = None,
+    step: float | None = None,
 ) -> Result:
     """Match a part of a larger pair, with what is known of the whole.
 
@@ -222,6 +229,8 @@ def match_part(
     frame : Frame
     largest : float, optional
         Largest magnitude of the whole images, where they hold floats.
+    step : float, optional
+        `quantum.of` the whole images, where they are to be matched as bytes.
 
     Returns
     -------
@@ -229,10 +238,11 @@ def match_part(
         Of the part; right, as far as its edges are the image's or lie farther off than the settings' halo.
     """
     start = time.perf_counter()
-    pair = _pair(left, right)
+    pair = _in_bytes(_pair(left, right), step)
 
     def work() -> Result:
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
+        pixels = pixels._replace(step=step or pixels.step)
         return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
 
     return _core.with_crew(work)
@@ -241,6 +251,11 @@ def match_part(
 def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
     """Match with what is left to the images estimated from them."""
     timings: dict[str, float] = {}
+    step = None
+    if pair.left.dtype != np.uint8 and quantum.wanted(chosen):
+        with _timed(timings, "read"):
+            step = quantum.of((pair.left, pair.right))
+            pair = _in_bytes(pair, step)
     if chosen.disparities is None:
         with _timed(timings, "range"):
             chosen = chosen.changed(
@@ -249,7 +264,18 @@ def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
     pixels = None
     if chosen.vertical == "estimate":
         chosen, pixels = _with_vertical(pair, chosen, timings)
+    if step is not None:
+        pixels = pixels or cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
+        pixels = pixels._replace(step=step)
     return _match(pair, chosen, start, timings, pixels)
+
+
+def _in_bytes(pair: Pair, step: float | None) -> Pair:
+    """The pair, counted in steps of so many grey levels."""
+    if step is None:
+        return pair
+    left, right = (quantum.in_bytes(image, step) for image in (pair.left, pair.right))
+    return dataclasses.replace(pair, left=left, right=right)
 
 
 def _match(

@@ -49,11 +49,14 @@ class Known:
         Of the whole images.
     largest : float or None
         Largest magnitude of their pixels, where these are floats.
+    step : float or None
+        What their pixels are whole multiples of, where they are matched as bytes (`quantum.of`).
     """
 
     settings: Settings
     frame: Frame
     largest: float | None = None
+    step: float | None = None
 
 
 class Piece(NamedTuple):
@@ -80,7 +83,7 @@ def match_tile(left: Source, right: Source, known: Known, tile: Tile) -> Piece:
     """
     frame = dataclasses.replace(known.frame, top=tile.part.top, left=tile.part.left)
     found = pipeline.match_part(
-        left.read(tile.part), right.read(tile.part), known.settings, frame, known.largest
+        left.read(tile.part), right.read(tile.part), known.settings, frame, known.largest, known.step
     )
     if repeats_rows(known.settings):
         _empty_unanswered(found.disparity, found.confidence, found.flags)

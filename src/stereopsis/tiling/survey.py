@@ -10,13 +10,24 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import cost, noise, pipeline, pixelwise, rectify, sgm, sharpen, slant, validate
+from stereopsis import (
+    cost,
+    noise,
+    pipeline,
+    pixelwise,
+    quantum,
+    rectify,
+    sgm,
+    sharpen,
+    slant,
+    validate,
+)
 from stereopsis.io.parts import Source
 from stereopsis.settings import Settings, WindowCost
 from stereopsis.tiling import reach
 from stereopsis.tiling.grid import Tile, tile
 from stereopsis.tiling.parts import Known, match_tile
-from stereopsis.types import Disparities, Frame, Halo, Pair, Rectangle, Vertical
+from stereopsis.types import Disparities, Frame, Halo, Image, Pair, Rectangle, Vertical
 
 BAND = 2**25
 """Pixels of a band of rows, about, where nobody says."""
@@ -61,7 +72,12 @@ def survey(
     whole = _Pair(left, right, settings, band)
     told = progress or (lambda what: None)
     chosen = settings
-    if left.dtype == np.float32:
+    if left.dtype != np.uint8 and quantum.wanted(settings):
+        told("levels")
+        step = quantum.of(image.read(part) for _, part in whole.bands() for image in (left, right))
+        if step is not None:
+            whole = _Pair(_Bytes(left, step), _Bytes(right, step), settings, band, step=step)
+    if whole.left.dtype == np.float32:
         told("brightness")
         whole.largest = _largest(whole)
     if chosen.disparities is None:
@@ -84,12 +100,30 @@ def survey(
     if moves:
         told("brightness")
         frame = dataclasses.replace(frame, limits=_limits(whole, None, frame))
-    if _takes_levels(chosen) and left.dtype != np.uint8:
+    if _takes_levels(chosen) and whole.left.dtype != np.uint8:
         told("levels")
         vertical = cast(Vertical, chosen.vertical) if moves else None
         ends = _limits(whole, vertical, frame)
         frame = dataclasses.replace(frame, levels=(min(ends[::2]), max(ends[1::2])))
-    return Known(chosen, frame, whole.largest)
+    return Known(chosen, frame, whole.largest, whole.step)
+
+
+class _Bytes(NamedTuple):
+    """An image, counted in steps of so many grey levels."""
+
+    source: Source
+    step: float
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.source.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(np.uint8)
+
+    def read(self, part: Rectangle) -> Image:
+        return quantum.in_bytes(self.source.read(part), self.step)
 
 
 @dataclasses.dataclass
@@ -101,6 +135,7 @@ class _Pair:
     settings: Settings
     band: int
     largest: float | None = None
+    step: float | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -120,7 +155,8 @@ class _Pair:
         """As matching takes them."""
         chosen = self.settings
         images = self.left.read(part), self.right.read(part)
-        return cost.pixels(*images, channels or chosen.channels, chosen.threads, self.largest)
+        found = cost.pixels(*images, channels or chosen.channels, chosen.threads, self.largest)
+        return found._replace(step=self.step or found.step)
 
 
 def _largest(whole: _Pair) -> float:

@@ -1,5 +1,7 @@
 """Sky, want of texture and reflections: found where they are, and nowhere else."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -233,6 +235,25 @@ def test_the_sky_is_as_far_as_the_range_goes(street):
     found = (below.flags & st.Flag.SKY) != 0
     assert found.any()
     assert not below.disparity[found].any()
+
+
+def test_infinity_is_where_the_calibration_has_it(street):
+    """Of cameras whose principal points lie 30 columns apart."""
+    plain = st.match(street.pair, preset="balanced", disparities=(0, 100))
+    columns = np.s_[:, 30:], np.s_[:, :-30]
+    left, right = (
+        np.ascontiguousarray(image[at])
+        for image, at in zip((street.left, street.right), columns, strict=True)
+    )
+    calibration = dataclasses.replace(street.pair.calibration, doffs=30.0)
+    found = st.match(st.Pair(left, right, calibration), preset="balanced", disparities=(-30, 70))
+    sky = (found.flags & st.Flag.SKY) != 0
+    assert (found.disparity[sky] == -30).all()
+    precision, recall = rates(sky, (plain.flags[:, 30:] & st.Flag.SKY) != 0)
+    assert precision > 0.97
+    assert recall > 0.97
+    away = street.disparity[:, 30:] < 60
+    assert np.median(np.abs(found.disparity + 30 - plain.disparity[:, 30:])[away]) < 0.1
 
 
 def test_unfilled_the_sky_stays_without_answer(street):

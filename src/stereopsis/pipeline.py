@@ -372,7 +372,7 @@ def _match(
             validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags, chosen.threads)
     if chosen.sky:
         with _timed(timings, "sky"):
-            shown = _sky(pair.left, disparity, chosen)
+            shown = _sky(pair.left, disparity, chosen, _infinity(pair))
             rows = np.s_[: len(shown)]
             _refuse(shown, Flag.SKY, disparity[rows], confidence[rows], flags[rows])
     beneath = None
@@ -451,14 +451,21 @@ def _match(
     if chosen.sky and chosen.fill is not None:
         # Infinitely far, as far as the range goes; and nothing that was measured.
         shown = flags & np.uint8(Flag.SKY) > 0
-        disparity[shown] = np.clip(0, chosen.disparities.min, chosen.disparities.max - 1)
+        disparity[shown] = np.clip(_infinity(pair), chosen.disparities.min, chosen.disparities.max - 1)
         confidence[shown] = 0
 
     path = "merged" if merged else "composed" if composed else "streaming"
     return Result(disparity, confidence, flags, chosen, path, time.perf_counter() - start, timings, stages)
 
 
-def _sky(image: Image, disparity: DisparityMap, chosen: Settings) -> npt.NDArray[np.bool_]:
+def _infinity(pair: Pair) -> float:
+    """The disparity of what is infinitely far."""
+    return 0.0 if pair.calibration is None else 0.0 - pair.calibration.doffs
+
+
+def _sky(
+    image: Image, disparity: DisparityMap, chosen: Settings, infinity: float = 0.0
+) -> npt.NDArray[np.bool_]:
     """Where the sky is, in as many of the first rows as can show it; with "auto", above open ground alone."""
     # Unchecked winners are of no use as witnesses against the sky.
     matched = None if chosen.left_right is None else disparity
@@ -467,9 +474,12 @@ def _sky(image: Image, disparity: DisparityMap, chosen: Settings) -> npt.NDArray
     height, width = disparity.shape
     ground = slant.road(disparity, slant.FIRST_WINDOW, threads=chosen.threads)
     farthest = sky.farthest_surface(disparity)
-    if ground is None or farthest is None or farthest > (far := sky.OPEN * ground.nearest(disparity.shape)):
+    if ground is None or farthest is None:
         return np.zeros((0, width), bool)
-    horizon = ground.first_row_above(0, disparity.shape)
+    far = infinity + sky.OPEN * (ground.nearest(disparity.shape) - infinity)
+    if farthest > far:
+        return np.zeros((0, width), bool)
+    horizon = ground.first_row_above(infinity, disparity.shape)
     if horizon == 0:
         return np.zeros((0, width), bool)
     # A strip of the ground tells what is not sky where nothing stands on it.

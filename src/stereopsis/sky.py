@@ -35,7 +35,7 @@ FAR = 2.0
 """Pixels of disparity up to which a match nearer than the farthest surface says nothing against the sky."""
 
 OPEN = 0.15
-"""What is far in an open view, as a fraction of the nearest ground's disparity."""
+"""What is far in an open view, as a fraction of the nearest ground's disparity, both from infinity's."""
 
 WALL = 0.35
 """Share of a piece that is nearer than far, above which it is no sky."""

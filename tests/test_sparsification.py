@@ -63,6 +63,14 @@ def test_the_ideal_area_of_many_pixels():
     assert curve.ideal_auc == pytest.approx(share + (1 - share) * math.log(1 - share), abs=1e-4)
 
 
+def test_the_area_of_noise():
+    """Errors of one normal distribution, in whatever order: the ideal one's mean is far below theirs."""
+    errors = np.abs(np.random.default_rng(0).normal(size=(400, 500)))
+    trust = np.random.default_rng(1).random(errors.shape)
+    curve = st.sparsification(errors, trust, np.zeros_like(errors), "epe")
+    assert curve.auc / curve.ideal_auc == pytest.approx(2.32, abs=0.03)
+
+
 def test_only_answered_pixels_of_known_truth_inside_the_mask_count():
     disparity = np.array([[1, N, 3, 4, 5]], np.float32)
     truth = np.array([[1, 1, N, 1, 1]], np.float32)

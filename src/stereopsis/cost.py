@@ -16,6 +16,8 @@ from stereopsis import _core, _instructions
 from stereopsis.types import Disparities, Halo, Image
 
 FLOAT_BITS = 21
+FRACTION = 1 / 255
+"""A grey level of float images from 0 to 1."""
 KINDS = ("sad", "ssd", "zsad", "zssd", "ncc", "zncc")
 """In the core's order."""
 
@@ -45,7 +47,8 @@ class Pixels(NamedTuple):
 
         They are taken to where they stay below 2.
         """
-        return 255 * self.step if self.step <= 2.0 ** (1 - FLOAT_BITS) or self.step == 1 / 255 else self.step
+        dark = self.step <= 2.0 ** (1 - FLOAT_BITS) or self.step == FRACTION
+        return 255 * self.step if dark else self.step
 
 
 def halo(window: tuple[int, int]) -> Halo:

@@ -100,7 +100,6 @@ def surfaces(
     disparity: DisparityMap,
     flags: npt.NDArray[np.uint8],
     image: npt.NDArray[Any],
-    step: float = 1.0,
     threads: int = 0,
 ) -> DisparityMap:
     r"""Fill every hole by continuing the surfaces around it, slanted as they are.
@@ -126,8 +125,6 @@ def surfaces(
         Bits of `Flag` that say why.
     image : ndarray of uint8 or int32, (H, W, C)
         The left image.
-    step : float
-        Grey levels, of 255, in one step of `image`.
     threads : int
 
     Returns
@@ -149,7 +146,7 @@ def surfaces(
         np.ascontiguousarray(disparity),
         _occluded(flags),
         guide_of(image),
-        edge_tables(image, step),
+        edge_tables(image),
         FILL_STRENGTH,
         float(least),
         float(most),

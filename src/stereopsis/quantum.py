@@ -8,15 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import pixelwise, sgm
+from stereopsis.cost import FRACTION
 from stereopsis.settings import NCC, ZNCC, Settings
 from stereopsis.supports import Gaussian
 from stereopsis.types import Image
 
 WHITE = 257
 """What 8 bits are multiplied by to fill 16."""
-
-FRACTION = 1 / 255
-"""The step of float images from 0 to 1."""
 
 ROUNDED = 1e-6
 """By which part of it single precision leaves a pixel off its whole multiple of `FRACTION` at most."""

@@ -32,7 +32,6 @@ def edge_aware(
     strength: float = 3.0,
     sigma: float = SIGMA,
     iterations: int = 2,
-    step: float = 1.0,
     threads: int = 0,
 ) -> DisparityMap:
     r"""Weighted least squares along the image's edges, in linear time, from slanted surfaces.
@@ -59,8 +58,6 @@ def edge_aware(
     sigma : float
         Grey levels, of 255.
     iterations : int
-    step : float
-        Grey levels in one step of `image`.
     threads : int
 
     Returns
@@ -76,7 +73,7 @@ def edge_aware(
     _core.edge_aware(
         np.ascontiguousarray(disparity),
         guide_of(image),
-        edge_tables(image, step, sigma),
+        edge_tables(image, sigma),
         strength,
         iterations,
         smoothed,
@@ -90,7 +87,6 @@ def weighted_median(
     image: npt.NDArray[Any],
     size: int,
     sigma: float = 10.0,
-    step: float = 1.0,
     threads: int = 0,
 ) -> DisparityMap:
     r"""Median over ``size x size`` pixels, each counted as often as it looks like the middle one [1]_.
@@ -111,8 +107,6 @@ def weighted_median(
         Odd, in pixels; up to 11.
     sigma : float
         Grey levels, of 255; at least 0.4.
-    step : float
-        Grey levels in one step of `image`.
     threads : int
 
     Returns
@@ -124,7 +118,7 @@ def weighted_median(
     .. [1] Z. Ma, K. He, Y. Wei, J. Sun, E. Wu, Constant time weighted median filtering for stereo matching
        and beyond, ICCV 2013, doi:10.1109/ICCV.2013.13.
     """
-    bytes_ = image if image.dtype == np.uint8 else np.clip(image * step, 0, 255).astype(np.uint8)
+    bytes_ = image if image.dtype == np.uint8 else np.clip(image, 0, 255).astype(np.uint8)
     slope = min(round(16 * 255 / (2.5 * sigma)), 4080)
     filtered = np.empty(disparity.shape, np.float32)
     _core.weighted_median(
@@ -138,9 +132,9 @@ def guide_of(image: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
     return np.ascontiguousarray(image, np.int32)
 
 
-def edge_tables(image: npt.NDArray[Any], step: float, sigma: float = SIGMA) -> npt.NDArray[np.float32]:
+def edge_tables(image: npt.NDArray[Any], sigma: float = SIGMA) -> npt.NDArray[np.float32]:
     """Weights by difference, (2, levels): of disparities and of slopes; at least 1e-6."""
-    levels = _levels(image) * step
+    levels = _levels(image)
     return np.maximum(np.exp([-levels / sigma, -levels / SLOPE_SIGMA]), 1e-6).astype(np.float32)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,15 @@ def run(data: Path, out: Any, client: Any = None, **options: Any) -> batch.Repor
     return batch.run(st.datasets.open(data / "pairs.csv"), SETTINGS, out, client, **options)
 
 
+def whole_tiles(out: Path) -> dict[str, int]:
+    """When each was written; what is being written beside them comes and goes."""
+    found = {}
+    for path in (out / "tiles").glob("[!.]*"):
+        with suppress(FileNotFoundError):
+            found[path.name] = path.stat().st_mtime_ns
+    return found
+
+
 def cut(data: Path) -> tiling.Job:
     files = data / "001-left.tif", data / "001-right.tif"
     return tiling.prepare(*files, SETTINGS, memory=MEMORY, resident=tiled.RESIDENT)
@@ -100,7 +110,7 @@ def test_a_run_goes_on_with_the_tiles_that_are_there(
 
     with pytest.raises(KeyboardInterrupt):
         run(data, out, client, progress=stop)
-    kept = {path.name: path.stat().st_mtime_ns for path in (out / "tiles").iterdir()}
+    kept = whole_tiles(out)
     assert len(kept) >= 2
     (out / "tiles/.0123456789ab.tmp").write_bytes(b"half")
     name = min(kept)
@@ -108,8 +118,7 @@ def test_a_run_goes_on_with_the_tiles_that_are_there(
     again: dict[str, int] = {}
 
     def look(finished: int, total: int | None, what: str) -> None:
-        for path in (out / "tiles").iterdir():
-            again[path.name] = path.stat().st_mtime_ns
+        again.update(whole_tiles(out))
 
     run(data, out, client, progress=look)
     assert {n: t for n, t in again.items() if n in kept and n != name} == {

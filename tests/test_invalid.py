@@ -285,6 +285,20 @@ def test_a_bright_wall_behind_a_floor_is_no_sky(farthest):
     assert pipeline._sky(image, disparity, chosen.changed(sky=True))[:45].all()
 
 
+@pytest.mark.parametrize("least", [0, -20])
+def test_a_bright_wall_near_0_is_no_sky_where_cameras_may_be_turned_to_each_other(least):
+    """A wall at 5: the sky of a view that begins at 0; 25 from infinity where the range begins at -20."""
+    height, width = 160, 240
+    rng = np.random.default_rng(9)
+    left = rng.integers(0, 120, (height, width)).astype(np.uint8)
+    left[:60] = rng.integers(215, 225, (60, width))
+    disparity = 5 + np.maximum(np.arange(height) - 60, 0) * 2 // 5
+    right = np.stack([np.roll(row, -shift) for row, shift in zip(left, disparity, strict=True)])
+    found = st.match(left, right, preset="balanced", disparities=(least, 64), slant="road", vertical=None)
+    assert (found.flags[:55] & st.Flag.SKY).any() == (least == 0)
+    assert not (found.flags[70:] & st.Flag.SKY).any()
+
+
 @pytest.mark.parametrize("preset", ["balanced", "accurate"])
 @pytest.mark.parametrize("first", [0, 330])
 def test_a_white_lorry_before_the_sky_is_no_sky(street, preset, first):

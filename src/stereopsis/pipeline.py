@@ -372,7 +372,9 @@ def _match(
             validate.refuse_speckle(disparity, *chosen.speckle, confidence, flags, chosen.threads)
     if chosen.sky:
         with _timed(timings, "sky"):
-            shown = _sky(pair.left, disparity, chosen, _infinity(pair))
+            # Uncalibrated, cameras may be turned to each other where negative disparities are asked for.
+            behind = min(0, chosen.disparities.min) if pair.calibration is None else _infinity(pair)
+            shown = _sky(pair.left, disparity, chosen, behind)
             rows = np.s_[: len(shown)]
             _refuse(shown, Flag.SKY, disparity[rows], confidence[rows], flags[rows])
     beneath = None

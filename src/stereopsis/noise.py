@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core
+from stereopsis._numbers import quantile
 
 BLOCK = 16
 """Side of a block in pixels."""
@@ -62,4 +63,4 @@ def block_means(image: npt.NDArray[Any], height: int = BLOCK, threads: int = 0) 
 def deviation_of(means: npt.NDArray[np.float64]) -> float:
     """The deviation that these blocks speak for."""
     means = means[means > 0]
-    return float(np.sqrt(np.pi / 2) / 6 * np.quantile(means, SMOOTHEST)) if means.size else 0.0
+    return float(np.sqrt(np.pi / 2) / 6 * quantile(means, SMOOTHEST)) if means.size else 0.0

@@ -41,6 +41,7 @@ from stereopsis import (
     validate,
     weigh,
 )
+from stereopsis._numbers import quantile
 from stereopsis.settings import Settings
 from stereopsis.supports import Adaptive, Bilateral, Cross, Gaussian, Window, window_size
 from stereopsis.types import (
@@ -1167,7 +1168,7 @@ def disparities_of_shrunk(small: Pair, width: int, threads: int = 0) -> Disparit
     reliable = found.disparity[np.isfinite(found.disparity)]
     if reliable.size < 0.01 * found.disparity.size or not reliable.size:
         return Disparities(0, max(1, width // 4))
-    low, high = np.quantile(reliable, [0.001, 0.999])
+    low, high = quantile(reliable, 0.001), quantile(reliable, 0.999)
     margin = 3 + 0.1 * (high - low)
     lowest = int(np.floor((low - margin) * factor))
     # Parallel cameras see no negative disparity: a few wrong matches are no reason to search for one.

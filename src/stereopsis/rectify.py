@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _instructions
+from stereopsis._numbers import quantile
 from stereopsis.types import Disparities, DisparityMap, Frame, Halo, Vertical
 
 Bytes = npt.NDArray[np.uint8]
@@ -94,8 +95,8 @@ def eight_bit(image: npt.NDArray[Any], ends: tuple[float, float] | None = None) 
 def ends_of(sample: npt.NDArray[Any]) -> tuple[float, float]:
     """The 0.5 and the 99.5 % quantile."""
     # Ordered before: whole numbers are put in order several times as fast as they are parted.
-    low, high = np.quantile(np.sort(sample, axis=None), (0.005, 0.995))
-    return float(low), float(high)
+    ordered = np.sort(sample, axis=None)
+    return quantile(ordered, 0.005), quantile(ordered, 0.995)
 
 
 def halved(image: Bytes, threads: int = 0) -> Bytes:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _instructions, noise
+from stereopsis._numbers import quantile
 from stereopsis.types import DisparityMap
 
 BoolMap = npt.NDArray[np.bool_]
@@ -97,7 +98,8 @@ def mask(
     colour = np.ascontiguousarray(scaled[None] if image.ndim == 2 else np.moveaxis(scaled, 2, 0))
     sigma = noise.deviation(scaled, threads)
     few = _few(image)
-    low, high = np.quantile(colour[:, *few], [0.005, 0.995])
+    sample = colour[:, *few]
+    low, high = quantile(sample, 0.005), quantile(sample, 0.995)
     if not high - low > max(6 * sigma, 1e-6):
         return np.zeros(colour.shape[1:], bool)
     if disparity is not None and far is None and (farthest := farthest_surface(disparity)) is not None:
@@ -125,7 +127,7 @@ def farthest_surface(disparity: DisparityMap) -> float | None:
     """The disparity of the farthest surface that was matched; None where nothing was."""
     matched = disparity[_few(disparity)]
     matched = matched[np.isfinite(matched)]
-    return float(np.quantile(matched, FARTHEST)) if matched.size else None
+    return quantile(matched, FARTHEST) if matched.size else None
 
 
 def _few(image: npt.NDArray[Any]) -> tuple[slice, slice]:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereopsis import _core, _instructions
+from stereopsis._numbers import quantile
 from stereopsis.types import Disparities, DisparityMap, Flag, Halo, Image
 
 FIRST_WINDOW = (25, 9)
@@ -214,19 +215,10 @@ def _search(
     reliable = np.count_nonzero(known)
     if inliers < 0.5 * reliable:  # half of them are enough, however many there are by chance
         values = searched[top:][known]
-        spread = _quantile(values, 0.95) - _quantile(values, 0.05)
+        spread = quantile(values, 0.95) - quantile(values, 0.05)
         if inliers < 3 * reliable * min(1.0, 2 * TOLERANCE / max(spread, TOLERANCE)):
             return None
     return Plane(*found.tolist())
-
-
-def _quantile(values: npt.NDArray[np.float32], share: float) -> float:
-    """As `numpy.quantile` has it of two values at least, in a fraction of the time."""
-    place = share * (values.size - 1)
-    first = int(place)
-    split = np.partition(values, first)
-    before, after = float(split[first]), float(split[first + 1 :].min())
-    return before + (after - before) * (place - first)
 
 
 def _on(plane: Plane, disparity: DisparityMap) -> npt.NDArray[np.bool_]:

@@ -565,6 +565,48 @@ void bind_sharpen(nb::module_& m) {
   });
 }
 
+using Ends = Array<const int32_t, 2>;
+
+std::optional<Shown> shown_by(const std::optional<Ends>& rows, const std::optional<Ends>& columns) {
+  require(rows.has_value() == columns.has_value(), "rows and columns");
+  if (!rows) return std::nullopt;
+  require(rows->shape(1) == 2 && columns->shape(1) == 2, "two ends");
+  return Shown{rows->data(), columns->data(), static_cast<int>(rows->shape(0)), static_cast<int>(columns->shape(0))};
+}
+
+void require_within(const std::optional<Shown>& image, const Patch& part) {
+  require(part.top >= 0 && part.left >= 0, "top and left of at least 0");
+  require(!image || (part.top + part.height <= image->height && part.left + part.width <= image->width), "a part of the image");
+}
+
+void bind_blank(nb::module_& m) {
+  m.def("continue_over", [](const Ends& rows, const Ends& columns, const Array<const uint8_t, 3>& row_pixels,
+                            const Array<const uint8_t, 3>& column_pixels, int top, int left, const Array<uint8_t, 3>& pixels,
+                            int threads) {
+    const std::optional<Shown> image = shown_by(rows, columns);
+    const int size = pixels.shape(2);
+    require_shape(row_pixels, image->height, 2, size);
+    require_shape(column_pixels, image->width, 2, size);
+    const Patch part{top, left, static_cast<int>(pixels.shape(0)), static_cast<int>(pixels.shape(1))};
+    require_within(image, part);
+    const FrameEdge edge{row_pixels.data(), column_pixels.data(), static_cast<size_t>(size)};
+    run(threads, [&](const Workers& workers) { continue_over(*image, edge, part, pixels.data(), workers); });
+  });
+  m.def("find_hidden", [](const Array<const float, 2>& disparity, float sign, const std::optional<Ends>& rows,
+                          const std::optional<Ends>& columns, const std::optional<Ends>& other_rows,
+                          const std::optional<Ends>& other_columns, int top, int left, const Array<uint8_t, 2>& hidden,
+                          int threads) {
+    const std::optional<Shown> here = shown_by(rows, columns), there = shown_by(other_rows, other_columns);
+    const Patch part{top, left, static_cast<int>(disparity.shape(0)), static_cast<int>(disparity.shape(1))};
+    require_within(here, part);
+    require_within(there, part);
+    require_shape(hidden, part.height, part.width);
+    run(threads, [&](const Workers& workers) {
+      find_hidden(disparity.data(), sign, here ? &*here : nullptr, there ? &*there : nullptr, part, hidden.data(), workers);
+    });
+  });
+}
+
 template <class T>
 void bind_texture(nb::module_& m) {
   m.def("texture",
@@ -822,6 +864,7 @@ NB_MODULE(_core, m) {
 
   bind_move_rows<uint8_t>(m);
   bind_move_rows<int32_t>(m);
+  bind_blank(m);
   bind_sharpen<uint8_t>(m);
   bind_sharpen<int32_t>(m);
 

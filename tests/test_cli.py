@@ -162,6 +162,7 @@ class TestMatch:
         ),
         "channels": ("separate", "separate"),
         "vertical": ("0.5,0.25,0,1", [0.5, 0.25, 0.0, 1.0]),
+        "blank": ("on", True),
         "sharpen": ("0.5", 0.5),
         "slant": ("road", "road"),
         "extra_windows": ("31,41x15", [[31, 31], [41, 15]]),

@@ -34,6 +34,7 @@ any_settings = some.builds(
         sides | some.tuples(sides, sides) | supports,
     ),
     channels=some.sampled_from(["grey", "separate"]),
+    blank=some.booleans(),
     vertical=some.none()
     | some.just("estimate")
     | some.floats(-9, 9)

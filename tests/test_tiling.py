@@ -206,6 +206,21 @@ def test_the_same_bits_the_other_ways_through_the_stages(others, dtype):
     assert_same_bits(*a_pair((90, 131), dtype, 4), chosen, (31, 37))
 
 
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+@pytest.mark.parametrize("colours", [(), (3,)])
+def test_frames_are_the_whole_image_s(colours, dtype):
+    """Also where a tile shows nothing, or all that is nearest lies in another tile."""
+    left, right = a_pair((90, 131, *colours), dtype, 4)
+    y, x = np.ogrid[:90, :131]
+    for image, (a, b, c, d) in ((left, (20, 9, 30, 0)), (right, (5, 30, 3, 17))):
+        bowed = 8 * np.sin(x / 131 * np.pi)
+        image[(x < a + y // 8) | (x >= 131 - b) | (y < c + bowed) | (y >= 90 - d - bowed)] = 0
+    chosen = Settings(disparities=(-4, 14), cost=st.ZNCC((6, 5)), left_right=1.0, blank=True, median=3)
+    assert_same_bits(left, right, chosen, (31, 37))
+    known, _ = in_tiles(left, right, chosen, (31, 37))
+    assert all(known.frames)
+
+
 @pytest.mark.parametrize("dtype", ["uint16", "float32"])
 def test_bytes_in_another_type_are_the_same_bytes(dtype):
     """Also where a tile by itself would be told apart more coarsely, or not at all."""

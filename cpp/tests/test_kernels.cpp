@@ -1241,6 +1241,67 @@ void test_sharpen() {
   }
 }
 
+// Parts of images with any frames, whole and cut: the same pixels.
+void test_frames() {
+  Random random{27};
+  for (int round = 0; round < 100; ++round) {
+    const int H = random.between(1, 12), W = random.between(1, 20);
+    const size_t size = random.between(1, 12);
+    const auto ends = [&](int lines, int length) {
+      std::vector<int32_t> found(2 * lines);
+      for (int k = 0; k < lines; ++k) {
+        const int first = random.below(length), end = random.between(0, length);
+        if (first < end) found[2 * k] = first, found[2 * k + 1] = end;
+      }
+      return found;
+    };
+    const std::vector<int32_t> rows = ends(H, W), columns = ends(W, H);
+    const auto bytes = [&](size_t count) {
+      std::vector<uint8_t> found(count * size);
+      for (uint8_t& byte : found) byte = static_cast<uint8_t>(random.below(256));
+      return found;
+    };
+    const std::vector<uint8_t> image = bytes(H * W), of_rows = bytes(2 * H), of_columns = bytes(2 * W);
+    const Shown shown{rows.data(), columns.data(), H, W};
+    const FrameEdge edge{of_rows.data(), of_columns.data(), size};
+    const Workers workers{random.between(1, 4), [] { return false; }};
+    std::vector<uint8_t> whole = image;
+    continue_over(shown, edge, {0, 0, H, W}, whole.data(), workers);
+    const auto hides = [&](int y, int x) {
+      return x < rows[2 * y] || x >= rows[2 * y + 1] || y < columns[2 * x] || y >= columns[2 * x + 1];
+    };
+    const Patch part{random.below(H), random.below(W), random.between(1, H), random.between(1, W)};
+    const Patch cut{part.top, part.left, std::min(part.height, H - part.top), std::min(part.width, W - part.left)};
+    std::vector<uint8_t> piece(cut.height * cut.width * size), hidden(cut.height * cut.width);
+    std::vector<float> disparity(cut.height * cut.width);
+    for (int y = 0; y < cut.height; ++y)
+      for (int x = 0; x < cut.width; ++x) {
+        std::memcpy(&piece[(y * cut.width + x) * size], &image[((y + cut.top) * W + x + cut.left) * size], size);
+        disparity[y * cut.width + x] = random.below(5) ? static_cast<float>(random.between(-9, 30)) : NAN;
+      }
+    continue_over(shown, edge, cut, piece.data(), workers);
+    const bool of_left = random.below(2), of_right = random.below(2);
+    const float sign = random.below(2) ? 1.0f : -1.0f;
+    find_hidden(disparity.data(), sign, of_left ? &shown : nullptr, of_right ? &shown : nullptr, cut, hidden.data(), workers);
+    bool same = true, kept = true, right = true;
+    for (int y = 0; y < H; ++y)
+      for (int x = 0; x < W; ++x) {
+        const size_t at = (y * W + x) * size;
+        kept = kept && (hides(y, x) || std::memcmp(&whole[at], &image[at], size) == 0);
+      }
+    for (int y = 0; y < cut.height; ++y)
+      for (int x = 0; x < cut.width; ++x) {
+        const int row = y + cut.top, column = x + cut.left, k = y * cut.width + x;
+        same = same && std::memcmp(&piece[k * size], &whole[(row * W + column) * size], size) == 0;
+        bool wanted = of_left && hides(row, column);
+        if (of_right && !std::isnan(disparity[k]))
+          wanted = wanted || hides(row, clamp(column - static_cast<int>(sign * disparity[k]), 0, W - 1));
+        right = right && hidden[k] == wanted;
+      }
+    CHECK(kept && same && right, text(H) + "x" + text(W));
+  }
+}
+
 void test_corners_and_tracks() {
   Random random{25};
   for (int round = 0; round < 60; ++round) {
@@ -2226,6 +2287,7 @@ int main() {
   timed("warp, words", test_warp<int32_t>);
   timed("moving rows, bytes", test_move_rows<uint8_t>);
   timed("moving rows, words", test_move_rows<int32_t>);
+  timed("frames", test_frames);
   timed("sharpening, bytes", test_sharpen<uint8_t>);
   timed("sharpening, words", test_sharpen<int32_t>);
   timed("corners and tracks", test_corners_and_tracks);

@@ -299,6 +299,30 @@ def move_rows(
     instructions: str,
     /,
 ) -> None: ...
+def continue_over(
+    rows: _I32,
+    columns: _I32,
+    row_pixels: _U8,
+    column_pixels: _U8,
+    top: int,
+    left: int,
+    pixels: _U8,
+    threads: int,
+    /,
+) -> None: ...
+def find_hidden(
+    disparity: _F32,
+    sign: float,
+    rows: _I32 | None,
+    columns: _I32 | None,
+    other_rows: _I32 | None,
+    other_columns: _I32 | None,
+    top: int,
+    left: int,
+    hidden: _U8,
+    threads: int,
+    /,
+) -> None: ...
 @overload
 def sharpen(image: _U8, amount: int, sharp: _U8, threads: int, /) -> None: ...
 @overload

@@ -9,7 +9,7 @@ import dataclasses
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Final, cast
+from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from stereopsis import (
     _core,
     _fused,
     aggregate,
+    blank,
     confidence,
     cost,
     fill,
@@ -52,6 +53,7 @@ from stereopsis.types import (
     Frame,
     Image,
     Pair,
+    Rectangle,
     Result,
     Sampling,
     Vertical,
@@ -59,6 +61,8 @@ from stereopsis.types import (
 )
 
 Floats = npt.NDArray[np.float32]
+Frames: TypeAlias = tuple[blank.Frame | None, blank.Frame | None]
+"""The black frames of both images."""
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
 SMOOTHED = 32
@@ -86,6 +90,7 @@ def match(
     disparities: tuple[int, int] | None = UNSET,
     cost: settings.Cost | str = UNSET,
     channels: str = UNSET,
+    blank: bool = UNSET,
     vertical: str | float | tuple[float, ...] | None = UNSET,
     sharpen: float | str | None = UNSET,
     optimize: optimize.Optimizer | sgm.SGM | str | None = UNSET,
@@ -132,9 +137,9 @@ def match(
         Start from these: a name in `stereopsis.settings.PRESETS`.
     disparities : (int, int), optional
         Candidates ``min, ..., max - 1`` in pixels; any whole numbers. None: estimated from the images alone.
-    cost, channels, vertical, sharpen, slant, extra_windows, optimize, subpixel, refine_window, upsample
+    cost, channels, blank, vertical, sharpen, optimize, slant, extra_windows, subpixel, refine_window
         As in `Settings`.
-    left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
+    upsample, left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
         As in `Settings`.
     weighted_median, edge_aware, confidence, least_confidence, outlines, pyramid, step, disparity_step
         As in `Settings`.
@@ -175,6 +180,7 @@ def match(
             ("disparities", disparities),
             ("cost", cost),
             ("channels", channels),
+            ("blank", blank),
             ("vertical", vertical),
             ("sharpen", sharpen),
             ("optimize", optimize),
@@ -218,6 +224,7 @@ def match_part(
     frame: Frame,
     largest: float | None = None,
     step: float | None = None,
+    frames: Frames = (None, None),
 ) -> Result:
     """Match a part of a larger pair, with what is known of the whole.
 
@@ -232,6 +239,8 @@ def match_part(
         Largest magnitude of the whole images, where they hold floats.
     step : float, optional
         `quantum.of` the whole images, where they are to be matched as bytes.
+    frames : (blank.Frame or None, blank.Frame or None)
+        Of the whole images, over which these are continued already.
 
     Returns
     -------
@@ -244,7 +253,7 @@ def match_part(
     def work() -> Result:
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
         pixels = pixels._replace(step=step or pixels.step)
-        return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame)
+        return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame, frames)
 
     return _core.with_crew(work)
 
@@ -252,6 +261,13 @@ def match_part(
 def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
     """Match with what is left to the images estimated from them."""
     timings: dict[str, float] = {}
+    frames: Frames = (None, None)
+    if chosen.blank:
+        with _timed(timings, "read"):
+            frames = blank.frame(pair.left), blank.frame(pair.right)
+        if any(frames):
+            with _timed(timings, "blank"):
+                pair = _continued(pair, frames, chosen.threads)
     step = None
     if pair.left.dtype != np.uint8 and quantum.wanted(chosen):
         with _timed(timings, "read"):
@@ -268,7 +284,22 @@ def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
     if step is not None:
         pixels = pixels or cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
         pixels = pixels._replace(step=step)
-    return _match(pair, chosen, start, timings, pixels)
+    return _match(pair, chosen, start, timings, pixels, None, frames)
+
+
+def _continued(pair: Pair, frames: Frames, threads: int) -> Pair:
+    """The pair with its images continued over their black frames."""
+    left, right = (
+        image if found is None else blank.continued(image, found, threads=threads)
+        for image, found in zip((pair.left, pair.right), frames, strict=True)
+    )
+    return dataclasses.replace(pair, left=left, right=right)
+
+
+def _place(frame: Frame | None, shape: tuple[int, ...]) -> Rectangle:
+    """Where in the whole image lies what has that shape."""
+    top, left = (0, 0) if frame is None else (frame.top, frame.left)
+    return Rectangle(top, top + shape[0], left, left + shape[1])
 
 
 def _in_bytes(pair: Pair, step: float | None) -> Pair:
@@ -286,6 +317,7 @@ def _match(
     timings: dict[str, float],
     pixels: cost.Pixels | None = None,
     frame: Frame | None = None,
+    frames: Frames = (None, None),
 ) -> Result:
     assert chosen.disparities is not None
     stages: dict[str, npt.NDArray[Any]] = {}
@@ -329,6 +361,15 @@ def _match(
         with _timed(timings, "match"):
             disparity, confidence, flags = _stream(pixels, chosen, seen)
     disparity, confidence, flags = map(np.ascontiguousarray, (disparity, confidence, flags))
+    if any(frames):
+        with _timed(timings, "blank"):
+            place = _place(frame, disparity.shape)
+            hidden = blank.hidden(disparity, frames, place, False, chosen.threads)
+            _refuse(hidden, Flag.OUT_OF_VIEW, disparity, confidence, flags)
+            for name in stages.keys() & {"winners", "right_disparity"}:
+                of_right = name == "right_disparity"
+                hidden = blank.hidden(stages[name], frames, place, of_right, chosen.threads)
+                stages[name][hidden] = np.nan
 
     if "vertical" in chosen.keep:
         lies = chosen.vertical if isinstance(chosen.vertical, Vertical) else Vertical(0.0)
@@ -377,6 +418,8 @@ def _match(
             behind = min(0, chosen.disparities.min) if pair.calibration is None else _infinity(pair)
             shown = _sky(pair.left, disparity, chosen, behind)
             rows = np.s_[: len(shown)]
+            if frames[0] is not None:
+                shown &= ~frames[0].blank()[rows]  # never of a part
             _refuse(shown, Flag.SKY, disparity[rows], confidence[rows], flags[rows])
     beneath = None
     if chosen.planes is not None:
@@ -451,6 +494,8 @@ def _match(
             if "right_disparity" in stages:
                 rectify.unbow(stages["right_disparity"], *known, of_right=True)
 
+    if frames[0] is not None:
+        confidence[frames[0].blank(_place(frame, disparity.shape))] = 0  # also where it was filled
     if chosen.sky and chosen.fill is not None:
         # Infinitely far, as far as the range goes; and nothing that was measured.
         shown = flags & np.uint8(Flag.SKY) > 0

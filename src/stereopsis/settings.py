@@ -152,6 +152,10 @@ class Settings:
     channels : {"grey", "separate"}
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
+    blank : bool
+        Leave the black frame out that undistortion and rectification put around an image: the image is
+        continued over it, and what lies there, or is matched there, counts as out of view. False: black is
+        matched like anything else.
     vertical : {"estimate"}, float, (float, float, float[, float]) or None
         Undo what the right image lies too low, before anything else: pixels that are known, over the whole
         image or as a `Vertical` (in the middle, gained from left to right, gained from top to bottom, and
@@ -252,6 +256,7 @@ class Settings:
     disparities: Disparities | None = None
     cost: Cost = ZNCC()
     channels: Literal["grey", "separate"] = "grey"
+    blank: bool = False
     vertical: Vertical | Literal["estimate"] | None = None
     sharpen: float | Literal["auto"] | None = None
     optimize: Optimizer | SGM | None = None
@@ -591,7 +596,7 @@ def _checked(name: str, value: Any) -> Any:
         case "sky" if isinstance(value, str):
             if value != "auto":
                 raise refuse('True, False or "auto"')
-        case "sky" | "outlines":
+        case "sky" | "blank" | "outlines":
             if value is not None and not isinstance(value, bool):
                 raise refuse('True, False or "auto"' if name == "sky" else "True or False")
             return bool(value)
@@ -820,7 +825,7 @@ def _from_text(name: str, text: str) -> Any:
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
         case "texture" | "sharpen" | "sky" if text == "auto":
             return text
-        case "sky" | "outlines" | "optimize_more_global":
+        case "sky" | "blank" | "outlines" | "optimize_more_global":
             if text.lower() not in ("on", "true"):
                 allowed = "on, off or auto" if name == "sky" else "on or off"
                 raise ValueError(f"{name} must be {allowed}, not {text!r}")
@@ -864,6 +869,7 @@ _BALANCED = Settings(
     preset="balanced",
     # Half as many comparisons as a dense census, and half as much work.
     cost=Census(window=(9, 7), pattern="symmetric", aggregation=3),
+    blank=True,
     vertical="estimate",
     sharpen="auto",
     optimize=SGM(paths=4, p1=72, p2=560, p2_min=260, contrast=20, unit=4),
@@ -882,6 +888,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
         "fast": Settings(
             preset="fast",
             cost=ZNCC(window=(13, 7)),
+            blank=True,
             vertical="estimate",
             left_right=1.0,
             texture=0.3,
@@ -916,6 +923,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
         "local": Settings(
             preset="local",
             cost=ZNCC(window=15),
+            blank=True,
             vertical="estimate",
             slant="planes",
             extra_windows=((31, 31),),

@@ -40,7 +40,7 @@ class Flag(enum.IntFlag):
     SKY = 16
     """Recognised as sky."""
     OUT_OF_VIEW = 32
-    """No candidate of the range lies inside the right image."""
+    """No candidate of the range lies inside the right image; or one of the images is blank there."""
     SPECKLE = 64
     """Part of a blob too small to be believed."""
     FILLED = 128

@@ -157,7 +157,7 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
     """Beside the images and the result, at the most demanding of the stages after matching."""
     narrow = 4 * channels if wide == 1 else 0
     filled = 5.0
-    stages = [0.0]
+    stages = [1.0 if settings.blank else 0.0]
     if settings.texture == "auto":
         stages.append(5)
     match settings.subpixel:

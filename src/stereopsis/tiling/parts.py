@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import pipeline
+from stereopsis import blank, pipeline
 from stereopsis.io.parts import Source
 from stereopsis.settings import Settings
 from stereopsis.tiling import reach
@@ -37,6 +37,36 @@ class Array(NamedTuple):
         return self.image[part.slices]
 
 
+class Continued(NamedTuple):
+    """An image that is continued over its black frame, as a `Source`."""
+
+    source: Source
+    frame: blank.Frame
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """``(H, W)`` or ``(H, W, 3)``."""
+        return self.source.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """uint8, uint16 or float32."""
+        return self.source.dtype
+
+    def read(self, part: Rectangle) -> Image:
+        """The pixels of a rectangle."""
+        return blank.continued(self.source.read(part), self.frame, part)
+
+
+def without_frames(sources: tuple[Source, Source], frames: pipeline.Frames) -> tuple[Source, Source]:
+    """Both images, continued over the frames that they have."""
+    left, right = (
+        source if frame is None else Continued(source, frame)
+        for source, frame in zip(sources, frames, strict=True)
+    )
+    return left, right
+
+
 @dataclass(frozen=True)
 class Known:
     """What is found once of the whole pair, and told to every tile.
@@ -51,12 +81,15 @@ class Known:
         Largest magnitude of their pixels, where these are floats.
     step : float or None
         What their pixels are whole multiples of, where they are matched as bytes (`quantum.of`).
+    frames : (blank.Frame or None, blank.Frame or None)
+        Their black frames, where these are left out.
     """
 
     settings: Settings
     frame: Frame
     largest: float | None = None
     step: float | None = None
+    frames: pipeline.Frames = (None, None)
 
 
 class Piece(NamedTuple):
@@ -82,8 +115,15 @@ def match_tile(left: Source, right: Source, known: Known, tile: Tile) -> Piece:
     Piece
     """
     frame = dataclasses.replace(known.frame, top=tile.part.top, left=tile.part.left)
+    left, right = without_frames((left, right), known.frames)
     found = pipeline.match_part(
-        left.read(tile.part), right.read(tile.part), known.settings, frame, known.largest, known.step
+        left.read(tile.part),
+        right.read(tile.part),
+        known.settings,
+        frame,
+        known.largest,
+        known.step,
+        known.frames,
     )
     if repeats_rows(known.settings):
         _empty_unanswered(found.disparity, found.confidence, found.flags)

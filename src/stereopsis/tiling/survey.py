@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from stereopsis import (
+    blank,
     cost,
     noise,
     pipeline,
@@ -26,7 +28,7 @@ from stereopsis.io.parts import Source
 from stereopsis.settings import Settings, WindowCost
 from stereopsis.tiling import reach
 from stereopsis.tiling.grid import Tile, tile
-from stereopsis.tiling.parts import Known, match_tile
+from stereopsis.tiling.parts import Known, match_tile, without_frames
 from stereopsis.types import Disparities, Frame, Halo, Image, Pair, Rectangle, Vertical
 
 BAND = 2**25
@@ -72,6 +74,12 @@ def survey(
     whole = _Pair(left, right, settings, band)
     told = progress or (lambda what: None)
     chosen = settings
+    frames: pipeline.Frames = (None, None)
+    if settings.blank:
+        told("frames")
+        frames = _frames(whole)
+        left, right = without_frames((left, right), frames)
+        whole = _Pair(left, right, settings, band)
     if left.dtype != np.uint8 and quantum.wanted(settings):
         told("levels")
         step = quantum.of(image.read(part) for _, part in whole.bands() for image in (left, right))
@@ -105,7 +113,7 @@ def survey(
         vertical = cast(Vertical, chosen.vertical) if moves else None
         ends = _limits(whole, vertical, frame)
         frame = dataclasses.replace(frame, levels=(min(ends[::2]), max(ends[1::2])))
-    return Known(chosen, frame, whole.largest, whole.step)
+    return Known(chosen, frame, whole.largest, whole.step, frames)
 
 
 class _Bytes(NamedTuple):
@@ -157,6 +165,19 @@ class _Pair:
         images = self.left.read(part), self.right.read(part)
         found = cost.pixels(*images, channels or chosen.channels, chosen.threads, self.largest)
         return found._replace(step=self.step or found.step)
+
+
+def _frames(whole: _Pair) -> pipeline.Frames:
+    """Of both images."""
+    left, right = (
+        blank.frame_of(partial(_read_bands, whole, source), source.shape)
+        for source in (whole.left, whole.right)
+    )
+    return left, right
+
+
+def _read_bands(whole: _Pair, source: Source) -> Iterator[tuple[int, Image]]:
+    return ((top, source.read(part)) for top, part in whole.bands())
 
 
 def _largest(whole: _Pair) -> float:

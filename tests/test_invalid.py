@@ -285,6 +285,21 @@ def test_a_bright_wall_behind_a_floor_is_no_sky(farthest):
     assert pipeline._sky(image, disparity, chosen.changed(sky=True))[:45].all()
 
 
+@pytest.mark.parametrize("rough", [0, 20])
+def test_bright_trees_before_a_dark_sky_are_no_sky(rough):
+    """Far enough to be taken for it; but they have structure, which was matched."""
+    height, width = 160, 240
+    rng = np.random.default_rng(9)
+    image = rng.integers(20, 60, (height, width)).astype(np.uint8)
+    image[:60] = 200 + np.kron(rng.integers(-rough, rough + 1, (10, 40)), np.ones((6, 6), int))
+    disparity = np.full((height, width), 9, np.float32)
+    disparity[70:90] = 1
+    disparity[:, ::3] = np.nan
+    shown = sky.mask(image, disparity, far=12.0)
+    assert shown[:55].all() == (rough == 0)
+    assert shown.any() == (rough == 0)
+
+
 @pytest.mark.parametrize("least", [0, -20])
 def test_a_bright_wall_near_0_is_no_sky_where_cameras_may_be_turned_to_each_other(least):
     """A wall at 5: the sky of a view that begins at 0; 25 from infinity where the range begins at -20."""

@@ -41,6 +41,9 @@ OPEN = 0.15
 WALL = 0.35
 """Share of a piece that is nearer than far, above which it is no sky."""
 
+ROUGH, STRUCTURE = 6, 0.22
+"""No sky is that of which more than this share is relief above this level, matched nearer than `FAR`."""
+
 FEW = 10_000
 """About so many pixels tell the colours of sky and rest."""
 
@@ -63,12 +66,15 @@ def mask(
     4. A linear discriminant [4]_ between the two colours takes away what does not look like the rest of the
        sky, and lets the region grow: over weaker edges, and to the edges from which the blur kept it.
 
+    5. None of it is sky where more than `STRUCTURE` of it has edges that were matched near: those of what is
+       brightest at night, or in an infrared image.
+
     Parameters
     ----------
     image : ndarray of any real dtype, (H, W) or (H, W, C)
         A gain or an offset of all grey levels changes nothing but by rounding.
     disparity : ndarray of float32, (H, W), optional
-        Matches most of which are right; NaN where refused. None: step 3 is left out.
+        Matches most of which are right; NaN where refused. None: steps 3 and 5 are left out.
     far : float, optional
         The far distance, in pixels of disparity. None: `FAR` pixels nearer than the `farthest_surface`.
     threads : int
@@ -102,7 +108,8 @@ def mask(
     low, high = quantile(sample, 0.005), quantile(sample, 0.995)
     if not high - low > max(6 * sigma, 1e-6):
         return np.zeros(colour.shape[1:], bool)
-    if disparity is not None and far is None and (farthest := farthest_surface(disparity)) is not None:
+    farthest = None if disparity is None else farthest_surface(disparity)
+    if far is None and farthest is not None:
         far = farthest + FAR
     near = None if disparity is None or far is None else disparity > np.float32(far)
     relief, level = np.empty((2, *colour.shape[1:]), np.uint8)
@@ -118,6 +125,10 @@ def mask(
     found &= alike
     weak = alike & (level <= max(WEAK * chosen, WEAKEST))
     found |= _without_walls(_holding(weak, found) & ~found, near)
+    if disparity is not None and farthest is not None:
+        structure = (relief > ROUGH) & (disparity > np.float32(farthest + FAR))
+        if np.count_nonzero(structure & found) > STRUCTURE * np.count_nonzero(found):
+            return np.zeros_like(found)
     for _ in range(REACH):
         found = alike & _wider(found)
     return found

@@ -204,6 +204,16 @@ def test_planes_stay_as_they_are_and_so_do_their_edges():
     assert (abs(np.diff(smooth[:20], axis=1)[:, 39]) > 40).all()
 
 
+def test_the_tolerance_of_narrow_images_is_less():
+    """What stands a pixel before a wall is drawn into it in a large image, and stays in a small one."""
+    assert [refine.planar_tolerance(columns) for columns in (160, 640, 4000)] == [0.375, 1.5, 1.5]
+    wall = np.full((60, 160), 5, np.float32)
+    wall[20:40, 40:60] = 6
+    for columns, kept in ((160, True), (640, False)):
+        smooth = refine.planar(wall, (49, 25), tolerance=refine.planar_tolerance(columns))
+        assert (smooth[30, 50] > 5.9) == kept
+
+
 def test_planar_takes_noise_off_a_slanted_surface():
     random = np.random.default_rng(1)
     y, _ = np.mgrid[:80, :120].astype(np.float32)

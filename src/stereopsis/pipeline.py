@@ -433,6 +433,7 @@ def _match(
                 stages["segments"], stages["segment_planes"] = segments.label, segments.planes
                 stages["segment_support"] = segments.support
     whole = disparity
+    tolerance = refine.planar_tolerance(disparity.shape[1] if frame is None else frame.shape[1])
     if chosen.planar is not None:
         with _timed(timings, "planar"):
             trusted = disparity
@@ -440,7 +441,7 @@ def _match(
                 # Where they were right after all, the winners are accepted again.
                 cut = validate.cut_off(disparity, chosen.disparities.max, 0 if frame is None else frame.left)
                 trusted = np.where(cut, np.float32(np.nan), disparity)
-            whole = _planar(trusted, pixels, chosen, flags, beneath)
+            whole = _planar(trusted, pixels, chosen, flags, beneath, tolerance)
             sharpness = stages.pop("sharpness", confidence)
             judged = whole, own, sharpness, flags, chosen.disparities, chosen.threads
             disparity, confidence = validate.judged(*judged)
@@ -475,7 +476,7 @@ def _match(
         else:
             with _timed(timings, "refill"):
                 flags |= doubtful * np.uint8(Flag.MISMATCHED | Flag.FILLED)
-                disparity = _refilled(disparity, flags, pixels, chosen, beneath)
+                disparity = _refilled(disparity, flags, pixels, chosen, beneath, tolerance)
     if chosen.outlines:
         with _timed(timings, "outlines"):
             filled = flags & np.uint8(Flag.FILLED)
@@ -571,6 +572,7 @@ def _refilled(
     pixels: cost.Pixels,
     chosen: Settings,
     beneath: DisparityMap | None,
+    tolerance: float,
 ) -> DisparityMap:
     """What counts as filled, filled once more from the rest; the nearer answer stands."""
     filled, bounds = flags & np.uint8(Flag.FILLED) > 0, cast(Disparities, chosen.disparities)
@@ -578,7 +580,7 @@ def _refilled(
     again = _filled(cast(str, chosen.fill), trusted, flags, pixels, beneath, chosen.threads)
     found = fill.nearer(disparity, filled, again, chosen.threads)
     if chosen.planar is not None:
-        smooth = refine.planar(found, window_size(chosen.planar), chosen.threads)
+        smooth = refine.planar(found, window_size(chosen.planar), chosen.threads, tolerance=tolerance)
         np.copyto(found, smooth, where=filled)
         np.clip(found, bounds.min, bounds.max - 1, out=found)
     return found
@@ -719,6 +721,7 @@ def _planar(
     chosen: Settings,
     flags: npt.NDArray[np.uint8],
     beneath: DisparityMap | None,
+    tolerance: float,
 ) -> DisparityMap:
     """Fill the holes, and draw all to the planes that they lie on.
 
@@ -729,7 +732,8 @@ def _planar(
     whole = _filled(how, disparity, flags, pixels, beneath, chosen.threads)
     if chosen.median is not None:
         whole = refine.median(whole, chosen.median, chosen.threads)
-    return refine.planar(whole, window_size(cast(Window, chosen.planar)), chosen.threads)
+    window = window_size(cast(Window, chosen.planar))
+    return refine.planar(whole, window, chosen.threads, tolerance=tolerance)
 
 
 def _fit(subpixel: str | None) -> str | None:

@@ -351,8 +351,15 @@ def median(
 
 
 PLANAR_TOLERANCE = 1.5
-"""How far off a plane a pixel may lie to count as on it, in pixels of disparity."""
+"""How far off a plane a pixel may lie to count as on it, in pixels of disparity..."""
+PLANAR_COLUMNS = 640
+"""...of images of at least so many columns: in smaller ones surfaces lie as much closer together."""
 PLANAR_ITERATIONS = 2
+
+
+def planar_tolerance(columns: int) -> float:
+    """The tolerance of `planar` for images of so many columns, in pixels of disparity."""
+    return PLANAR_TOLERANCE * min(1.0, columns / PLANAR_COLUMNS)
 
 
 def planar(

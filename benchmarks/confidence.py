@@ -3,7 +3,7 @@
 python benchmarks/confidence.py fit FOLDER... [--set NAME=VALUE]... [--preset NAME]...
 python benchmarks/confidence.py check FOLDER... [--set NAME=VALUE]... [--preset NAME]...
 
-`fit` prints the weights that stand in src/stereopsis/confidence.py, from every second pair of each benchmark,
+`fit` prints weights such as stand in src/stereopsis/confidence.py, from every second pair of each benchmark,
 each of which counts alike, matched by each of the presets. `check` takes the other pairs: areas under the
 sparsification curve over the ideal ones, and the reliability table. The range is 0:128, or up to Middlebury's
 ndisp. Pixels that only the left camera sees do not count where they are known.

@@ -11,7 +11,7 @@ from reference import blank as reference
 from stereopsis import blank
 from stereopsis.types import Rectangle
 
-RULES = blank.LEAST, blank.DARK, blank.NOISY, blank.MOST, blank.BLENDED
+RULES = blank.LEAST, blank.FEW, blank.DARK, blank.NOISY, blank.MOST, blank.BLENDED
 
 
 def border(shape, left, right, top, bottom):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 
-def frame(image, least, dark, noisy, most, blended):
+def frame(image, least, few, dark, noisy, most, blended):
     """First place and end of what every row, and every column, shows; None where there is no frame."""
     pixels = image.reshape(*image.shape[:2], -1)
     black = [[not pixels[y, x].any() for x in range(pixels.shape[1])] for y in range(pixels.shape[0])]
@@ -13,22 +13,22 @@ def frame(image, least, dark, noisy, most, blended):
         [all(value <= dark * float(image.max()) for value in pixels[y, x]) for x in range(pixels.shape[1])]
         for y in range(pixels.shape[0])
     ]
-    across = lines(black, dim, least, noisy, most, blended)
-    down = lines(list(zip(*black, strict=True)), list(zip(*dim, strict=True)), least, noisy, most, blended)
+    across = lines(black, dim, few, noisy, most, blended)
+    down = lines(list(zip(*black, strict=True)), list(zip(*dim, strict=True)), 1, noisy, most, blended)
     if all(all(line) for line in black) or max(across[0] + down[0]) < least:
         return None
     found = across[1], down[1]
     return None if any(all(end == 0 for _, end in ends) for ends in found) else found
 
 
-def lines(black, dim, least, noisy, most, blended):
-    """Which share of both sides is black; and the ends of every line."""
+def lines(black, dim, few, noisy, most, blended):
+    """Which share of both sides is black, in every few-th line; and the ends of every line."""
     length = len(black[0])
     both = [(line, row) for line, row in zip(black, dim, strict=True)]
     turned = [(line[::-1], row[::-1]) for line, row in both]
     shares, firsts = [], []
     for one in both, turned:
-        shares.append(sum(line[0] for line, _ in one) / len(one))
+        shares.append(sum(line[0] for line, _ in one[::few]) / len(one[::few]))
         framed = sum(line[0] or row[0] for line, row in one) / len(one) >= most
         found = []
         for line, row in one:

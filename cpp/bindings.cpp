@@ -589,7 +589,7 @@ void bind_blank(nb::module_& m) {
     require_shape(column_pixels, image->width, 2, size);
     const Patch part{top, left, static_cast<int>(pixels.shape(0)), static_cast<int>(pixels.shape(1))};
     require_within(image, part);
-    const FrameEdge edge{row_pixels.data(), column_pixels.data(), static_cast<size_t>(size)};
+    const BorderEdge edge{row_pixels.data(), column_pixels.data(), static_cast<size_t>(size)};
     run(threads, [&](const Workers& workers) { continue_over(*image, edge, part, pixels.data(), workers); });
   });
   m.def("find_hidden", [](const Array<const float, 2>& disparity, float sign, const std::optional<Ends>& rows,

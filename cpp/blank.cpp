@@ -1,4 +1,4 @@
-// What an image shows, inside the black frame around it.
+// What an image shows, inside the black border around it.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -28,7 +28,7 @@ bool hides(const Shown& image, int y, int x) {
 
 }  // namespace
 
-void continue_over(const Shown& image, const FrameEdge& edge, const Patch& part, uint8_t* pixels, const Workers& workers) {
+void continue_over(const Shown& image, const BorderEdge& edge, const Patch& part, uint8_t* pixels, const Workers& workers) {
   const int far = image.height + image.width;
   int first = 0, last = image.height - 1;
   while (first < last && image.rows[2 * first + 1] == 0) ++first;

@@ -226,6 +226,10 @@ void unbow(float* disparity, int height, int width, const Bow& bow, const Worker
 template <class T>
 void sharpen(const T* image, int height, int width, int channels, int amount, T* sharp, const Workers& workers);
 
+// 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
+void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
+                    const FusedOutput& out, const Workers& workers);
+
 // ---- blank -----------------------------------------------------------------------------------------------------------
 // What an image shows of each row, and of each column: from the first place on, before the second; 0, 0 where it shows nothing.
 struct Shown {
@@ -233,7 +237,7 @@ struct Shown {
   int height, width;
 };
 // The pixels, `size` bytes each, at both ends of what rows and columns show.
-struct FrameEdge {
+struct BorderEdge {
   const uint8_t *rows, *columns;
   size_t size;
 };
@@ -243,14 +247,10 @@ struct Patch {
 };
 // In a part of an image, in place of what shows nothing, the nearest pixel of its row or else column that is shown; in corners, where
 // neither shows anything, that of the nearest row which does. What is left by both stays as it is.
-void continue_over(const Shown& image, const FrameEdge& edge, const Patch& part, uint8_t* pixels, const Workers& workers);
+void continue_over(const Shown& image, const BorderEdge& edge, const Patch& part, uint8_t* pixels, const Workers& workers);
 // Where a part of `here` shows nothing, or `there` does where its disparity points, `sign` times as far to the left; either may be null.
 void find_hidden(const float* disparity, float sign, const Shown* here, const Shown* there, const Patch& part, uint8_t* hidden,
                  const Workers& workers);
-
-// 8-bit pixels, windows weighted by a Gaussian, any cost but ZSAD.
-void match_gaussian(const Pair& pair, const FusedSettings& settings, const GaussianFilter& filter, const FusedKernel& kernel,
-                    const FusedOutput& out, const Workers& workers);
 
 // ---- validate --------------------------------------------------------------------------------------------------------
 // Mean over the window, and over the channels, of |I(x + 1) - I(x - 1)| / 2, edge pixels repeated.

@@ -208,7 +208,7 @@ def test_the_same_bits_the_other_ways_through_the_stages(others, dtype):
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 @pytest.mark.parametrize("colours", [(), (3,)])
-def test_frames_are_the_whole_image_s(colours, dtype):
+def test_borders_are_the_whole_image_s(colours, dtype):
     """Also where a tile shows nothing, or all that is nearest lies in another tile."""
     left, right = a_pair((90, 131, *colours), dtype, 4)
     y, x = np.ogrid[:90, :131]
@@ -218,7 +218,7 @@ def test_frames_are_the_whole_image_s(colours, dtype):
     chosen = Settings(disparities=(-4, 14), cost=st.ZNCC((6, 5)), left_right=1.0, blank=True, median=3)
     assert_same_bits(left, right, chosen, (31, 37))
     known, _ = in_tiles(left, right, chosen, (31, 37))
-    assert all(known.frames)
+    assert all(known.borders)
 
 
 @pytest.mark.parametrize("dtype", ["uint16", "float32"])

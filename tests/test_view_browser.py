@@ -28,6 +28,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect
 
 from view_browser import MissingBrowserError, chromium, served
+from view_help import busy
 
 PATIENCE = 60_000  # milliseconds, for a machine that is busy with something else
 expect.set_options(timeout=PATIENCE)
@@ -727,14 +728,6 @@ def test_nothing_is_wider_than_the_window(
         page.screenshot(path=file, full_page=width == 390)
         with Image.open(file) as picture:
             assert picture.width == width
-
-
-def busy() -> float:
-    """How many times as long something takes here as it would on a machine that does nothing else."""
-    start, work = time.perf_counter(), time.process_time()
-    while time.process_time() - work < 0.3:
-        pass
-    return max(1.0, (time.perf_counter() - start) / 0.3)
 
 
 def test_a_step_of_the_slider_is_soon_on_the_screen(

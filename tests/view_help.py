@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -18,6 +19,14 @@ from stereopsis.view.targets import Target
 
 T = TypeVar("T")
 BASE = "http://127.0.0.1"
+
+
+def busy() -> float:
+    """How many times as long something takes here as it would on a machine that does nothing else."""
+    start, work = time.perf_counter(), time.process_time()
+    while time.process_time() - work < 0.3:
+        pass
+    return max(1.0, (time.perf_counter() - start) / 0.3)
 
 
 class Server:

@@ -1241,8 +1241,8 @@ void test_sharpen() {
   }
 }
 
-// Parts of images with any frames, whole and cut: the same pixels.
-void test_frames() {
+// Parts of images with any borders, whole and cut: the same pixels.
+void test_borders() {
   Random random{27};
   for (int round = 0; round < 100; ++round) {
     const int H = random.between(1, 12), W = random.between(1, 20);
@@ -1263,7 +1263,7 @@ void test_frames() {
     };
     const std::vector<uint8_t> image = bytes(H * W), of_rows = bytes(2 * H), of_columns = bytes(2 * W);
     const Shown shown{rows.data(), columns.data(), H, W};
-    const FrameEdge edge{of_rows.data(), of_columns.data(), size};
+    const BorderEdge edge{of_rows.data(), of_columns.data(), size};
     const Workers workers{random.between(1, 4), [] { return false; }};
     std::vector<uint8_t> whole = image;
     continue_over(shown, edge, {0, 0, H, W}, whole.data(), workers);
@@ -2287,7 +2287,7 @@ int main() {
   timed("warp, words", test_warp<int32_t>);
   timed("moving rows, bytes", test_move_rows<uint8_t>);
   timed("moving rows, words", test_move_rows<int32_t>);
-  timed("frames", test_frames);
+  timed("borders", test_borders);
   timed("sharpening, bytes", test_sharpen<uint8_t>);
   timed("sharpening, words", test_sharpen<int32_t>);
   timed("corners and tracks", test_corners_and_tracks);

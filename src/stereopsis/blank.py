@@ -1,4 +1,4 @@
-"""Where an image shows nothing: the black frame that undistortion and rectification leave around it."""
+"""Where an image shows nothing: the black border that undistortion and rectification leave around it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stereopsis import _core
 from stereopsis.types import DisparityMap, Image, Rectangle
 
 LEAST = 0.25
-"""A frame covers at least so much of one of the image's four sides..."""
+"""A border covers at least so much of one of the image's four sides..."""
 FEW = 4
 """...of whose rows every so many-th is looked at."""
 DARK = 0.1
@@ -20,14 +20,14 @@ DARK = 0.1
 NOISY = 16
 """...and how far from it, in pixels: one of JPEG's blocks."""
 MOST = 0.75
-"""Of a side that has a frame all of which a lossy file has left nearly black."""
+"""Of a side that has a border all of which a lossy file has left nearly black."""
 BLENDED = 1
-"""Pixels beside a frame that are half black: interpolation has mixed them with it."""
+"""Pixels beside a border that are half black: interpolation has mixed them with it."""
 
 Places = npt.NDArray[np.int32]
 
 
-class Frame(NamedTuple):
+class Border(NamedTuple):
     """What is black up to an image's ends, along its row or its column.
 
     Attributes
@@ -57,12 +57,38 @@ class Frame(NamedTuple):
             found |= outside
         return found
 
+    def continued(self, image: Image, part: Rectangle | None = None, threads: int = 0) -> Image:
+        """The image with the nearest pixels of their row or column in place of its border.
 
-def frame(image: Image) -> Frame | None:
-    """The black frame around an image.
+        So a window at the border sees what it sees at an image's end, and no outline of a border. In corners,
+        where neither row nor column shows anything, pixels are those of the nearest row that does.
+
+        Parameters
+        ----------
+        image : ndarray, (H, W) or (H, W, 3)
+            The one that has this border, or a part of it.
+        part : Rectangle, optional
+            Where the image is cut from the whole one.
+        threads : int
+
+        Returns
+        -------
+        ndarray
+            A copy.
+        """
+        whole = np.array(image, order="C")
+        top, left = (0, 0) if part is None else (part.top, part.left)
+        of_rows, of_columns = _bytes(self.row_pixels, 2), _bytes(self.column_pixels, 2)
+        pixels = _bytes(whole, image.shape[1])
+        _core.continue_over(self.rows, self.columns, of_rows, of_columns, top, left, pixels, threads)
+        return whole
+
+
+def border(image: Image) -> Border | None:
+    """The black border around an image.
 
     Black is 0 in every channel; and, beside that, what is nearly so, as lossy files make it. Where less than
-    `LEAST` of every side of the image is black, none of it is a frame, however dark the image; nor where
+    `LEAST` of every side of the image is black, none of it is a border, however dark the image; nor where
     nothing else is shown.
 
     Parameters
@@ -71,18 +97,18 @@ def frame(image: Image) -> Frame | None:
 
     Returns
     -------
-    Frame or None
+    Border or None
         None where there is none.
     """
     sides = image[0], image[-1], image[::FEW, 0], image[::FEW, -1]
     lit = (np.count_nonzero(side.any(axis=1) if side.ndim > 1 else side) for side in sides)
     if all(shown > (1 - LEAST) * len(side) for shown, side in zip(lit, sides, strict=True)):
         return None
-    return frame_of(lambda: [(0, image)], image.shape)
+    return border_of(lambda: [(0, image)], image.shape)
 
 
-def frame_of(bands: Callable[[], Iterable[tuple[int, Image]]], shape: tuple[int, ...]) -> Frame | None:
-    """The black frame around an image that is read in bands of rows, twice if it has one.
+def border_of(bands: Callable[[], Iterable[tuple[int, Image]]], shape: tuple[int, ...]) -> Border | None:
+    """The black border around an image that is read in bands of rows, twice if it has one.
 
     Parameters
     ----------
@@ -93,8 +119,8 @@ def frame_of(bands: Callable[[], Iterable[tuple[int, Image]]], shape: tuple[int,
 
     Returns
     -------
-    Frame or None
-        As `frame` has it.
+    Border or None
+        As `border` has it.
     """
     height, width, *channels = shape
     rows = np.zeros((height, 2), np.int32)
@@ -113,7 +139,7 @@ def frame_of(bands: Callable[[], Iterable[tuple[int, Image]]], shape: tuple[int,
     lit = few[:, 0] == 0, few[:, 1] == width, columns[:, 0] == 0, columns[:, 1] == height
     if not rows[:, 1].any() or all(np.count_nonzero(side) > (1 - LEAST) * len(side) for side in lit):
         return None
-    # From each end as many pixels inwards as may turn out to belong to the frame, and the next.
+    # From each end as many pixels inwards as may turn out to belong to the border, and the next.
     inwards = np.arange(NOISY + BLENDED + 1)
     rows_at, columns_at = (
         np.stack([ends[:, :1] + inwards, ends[:, 1:] - 1 - inwards], axis=1).clip(0, length - 1)
@@ -132,7 +158,7 @@ def frame_of(bands: Callable[[], Iterable[tuple[int, Image]]], shape: tuple[int,
     columns, column_pixels = _settled(columns, of_columns, height, dark)
     if not (rows.any() and columns.any()):
         return None
-    return Frame(rows, columns, row_pixels, column_pixels)
+    return Border(rows, columns, row_pixels, column_pixels)
 
 
 def _black(image: Image) -> npt.NDArray[np.bool_]:
@@ -151,44 +177,16 @@ def _ends(shown: npt.NDArray[np.bool_]) -> Places:
 
 
 def _settled(ends: Places, pixels: Image, length: int, dark: float) -> tuple[Places, Image]:
-    """The ends without what is nearly black or mixed with the frame, and the pixels there."""
+    """The ends without what is nearly black or mixed with the border, and the pixels there."""
     black = np.all(pixels.reshape(*pixels.shape[:3], -1) <= dark, axis=3)
     off = np.stack([ends[:, 0], length - ends[:, 1]], axis=1)
-    framed = np.mean((off > 0) | black[..., 0], axis=0) >= MOST
-    more = np.cumprod(black[..., :NOISY], axis=2).sum(axis=2) * (framed | (off > 0))
+    bordered = np.mean((off > 0) | black[..., 0], axis=0) >= MOST
+    more = np.cumprod(black[..., :NOISY], axis=2).sum(axis=2) * (bordered | (off > 0))
     more += BLENDED * (off + more > 0)
     line, end = np.indices(more.shape)
     found = pixels[line, end, np.minimum(more, NOISY + BLENDED)]
     moved = ends + more * [1, -1]
     return np.where(moved[:, :1] < moved[:, 1:], moved, 0).astype(np.int32), found
-
-
-def continued(image: Image, found: Frame, part: Rectangle | None = None, threads: int = 0) -> Image:
-    """The image with the nearest pixels of their row or column in place of its frame.
-
-    So a window at the frame sees what it sees at an image's end, and no outline of a frame. In corners, where
-    neither row nor column shows anything, pixels are those of the nearest row that does.
-
-    Parameters
-    ----------
-    image : ndarray, (H, W) or (H, W, 3)
-    found : Frame
-        Of the image, or of the whole one of which it is a part.
-    part : Rectangle, optional
-        Where the image is cut from that.
-    threads : int
-
-    Returns
-    -------
-    ndarray
-        A copy.
-    """
-    whole = np.array(image, order="C")
-    top, left = (0, 0) if part is None else (part.top, part.left)
-    of_rows, of_columns = (_bytes(pixels, 2) for pixels in (found.row_pixels, found.column_pixels))
-    pixels = _bytes(whole, image.shape[1])
-    _core.continue_over(found.rows, found.columns, of_rows, of_columns, top, left, pixels, threads)
-    return whole
 
 
 def _bytes(pixels: Image, width: int) -> npt.NDArray[np.uint8]:
@@ -198,7 +196,7 @@ def _bytes(pixels: Image, width: int) -> npt.NDArray[np.uint8]:
 
 def hidden(
     disparity: DisparityMap,
-    frames: tuple[Frame | None, Frame | None],
+    borders: tuple[Border | None, Border | None],
     part: Rectangle | None = None,
     of_right: bool = False,
     threads: int = 0,
@@ -209,7 +207,7 @@ def hidden(
     ----------
     disparity : ndarray of float32, (H, W)
         NaN points nowhere.
-    frames : (Frame or None, Frame or None)
+    borders : (Border or None, Border or None)
         Around the left image and around the right one.
     part : Rectangle, optional
         Where the map lies in the whole image's.
@@ -222,7 +220,7 @@ def hidden(
     ndarray of bool, (H, W)
     """
     found = np.empty(disparity.shape, np.uint8)
-    here, there = frames[::-1] if of_right else frames
+    here, there = borders[::-1] if of_right else borders
     _core.find_hidden(
         np.ascontiguousarray(disparity),
         -1.0 if of_right else 1.0,

@@ -61,8 +61,8 @@ from stereopsis.types import (
 )
 
 Floats = npt.NDArray[np.float32]
-Frames: TypeAlias = tuple[blank.Frame | None, blank.Frame | None]
-"""The black frames of both images."""
+Borders: TypeAlias = tuple[blank.Border | None, blank.Border | None]
+"""The black borders of both images."""
 COMPOSED_ONLY = frozenset({"costs", "right_disparity"})
 """What only the composed path can keep."""
 SMOOTHED = 32
@@ -224,7 +224,7 @@ def match_part(
     frame: Frame,
     largest: float | None = None,
     step: float | None = None,
-    frames: Frames = (None, None),
+    borders: Borders = (None, None),
 ) -> Result:
     """Match a part of a larger pair, with what is known of the whole.
 
@@ -239,7 +239,7 @@ def match_part(
         Largest magnitude of the whole images, where they hold floats.
     step : float, optional
         `quantum.of` the whole images, where they are to be matched as bytes.
-    frames : (blank.Frame or None, blank.Frame or None)
+    borders : (blank.Border or None, blank.Border or None)
         Of the whole images, over which these are continued already.
 
     Returns
@@ -253,7 +253,7 @@ def match_part(
     def work() -> Result:
         pixels = cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads, largest)
         pixels = pixels._replace(step=step or pixels.step)
-        return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame, frames)
+        return _match(pair, chosen, start, {}, pixels._replace(limits=frame.levels), frame, borders)
 
     return _core.with_crew(work)
 
@@ -261,13 +261,13 @@ def match_part(
 def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
     """Match with what is left to the images estimated from them."""
     timings: dict[str, float] = {}
-    frames: Frames = (None, None)
+    borders: Borders = (None, None)
     if chosen.blank:
         with _timed(timings, "read"):
-            frames = blank.frame(pair.left), blank.frame(pair.right)
-        if any(frames):
+            borders = blank.border(pair.left), blank.border(pair.right)
+        if any(borders):
             with _timed(timings, "blank"):
-                pair = _continued(pair, frames, chosen.threads)
+                pair = _continued(pair, borders, chosen.threads)
     step = None
     if pair.left.dtype != np.uint8 and quantum.wanted(chosen):
         with _timed(timings, "read"):
@@ -284,14 +284,14 @@ def _match_whole(pair: Pair, chosen: Settings, start: float) -> Result:
     if step is not None:
         pixels = pixels or cost.pixels(pair.left, pair.right, chosen.channels, chosen.threads)
         pixels = pixels._replace(step=step)
-    return _match(pair, chosen, start, timings, pixels, None, frames)
+    return _match(pair, chosen, start, timings, pixels, None, borders)
 
 
-def _continued(pair: Pair, frames: Frames, threads: int) -> Pair:
-    """The pair with its images continued over their black frames."""
+def _continued(pair: Pair, borders: Borders, threads: int) -> Pair:
+    """The pair with its images continued over their black borders."""
     left, right = (
-        image if found is None else blank.continued(image, found, threads=threads)
-        for image, found in zip((pair.left, pair.right), frames, strict=True)
+        image if found is None else found.continued(image, threads=threads)
+        for image, found in zip((pair.left, pair.right), borders, strict=True)
     )
     return dataclasses.replace(pair, left=left, right=right)
 
@@ -317,7 +317,7 @@ def _match(
     timings: dict[str, float],
     pixels: cost.Pixels | None = None,
     frame: Frame | None = None,
-    frames: Frames = (None, None),
+    borders: Borders = (None, None),
 ) -> Result:
     assert chosen.disparities is not None
     stages: dict[str, npt.NDArray[Any]] = {}
@@ -361,14 +361,14 @@ def _match(
         with _timed(timings, "match"):
             disparity, confidence, flags = _stream(pixels, chosen, seen)
     disparity, confidence, flags = map(np.ascontiguousarray, (disparity, confidence, flags))
-    if any(frames):
+    if any(borders):
         with _timed(timings, "blank"):
             place = _place(frame, disparity.shape)
-            hidden = blank.hidden(disparity, frames, place, False, chosen.threads)
+            hidden = blank.hidden(disparity, borders, place, False, chosen.threads)
             _refuse(hidden, Flag.OUT_OF_VIEW, disparity, confidence, flags)
             for name in stages.keys() & {"winners", "right_disparity"}:
                 of_right = name == "right_disparity"
-                hidden = blank.hidden(stages[name], frames, place, of_right, chosen.threads)
+                hidden = blank.hidden(stages[name], borders, place, of_right, chosen.threads)
                 stages[name][hidden] = np.nan
 
     if "vertical" in chosen.keep:
@@ -418,8 +418,8 @@ def _match(
             behind = min(0, chosen.disparities.min) if pair.calibration is None else _infinity(pair)
             shown = _sky(pair.left, disparity, chosen, behind)
             rows = np.s_[: len(shown)]
-            if frames[0] is not None:
-                shown &= ~frames[0].blank()[rows]  # never of a part
+            if borders[0] is not None:
+                shown &= ~borders[0].blank()[rows]  # never of a part
             _refuse(shown, Flag.SKY, disparity[rows], confidence[rows], flags[rows])
     beneath = None
     if chosen.planes is not None:
@@ -495,8 +495,8 @@ def _match(
             if "right_disparity" in stages:
                 rectify.unbow(stages["right_disparity"], *known, of_right=True)
 
-    if frames[0] is not None:
-        confidence[frames[0].blank(_place(frame, disparity.shape))] = 0  # also where it was filled
+    if borders[0] is not None:
+        confidence[borders[0].blank(_place(frame, disparity.shape))] = 0  # also where it was filled
     if chosen.sky and chosen.fill is not None:
         # Infinitely far, as far as the range goes; and nothing that was measured.
         shown = flags & np.uint8(Flag.SKY) > 0

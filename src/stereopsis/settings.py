@@ -153,7 +153,7 @@ class Settings:
         Colour images are matched on their grey values, or on all three channels: the window's sums run over
         them, each with its own mean.
     blank : bool
-        Leave the black frame out that undistortion and rectification put around an image: the image is
+        Leave the black border out that undistortion and rectification put around an image: the image is
         continued over it, and what lies there, or is matched there, counts as out of view. False: black is
         matched like anything else.
     vertical : {"estimate"}, float, (float, float, float[, float]) or None

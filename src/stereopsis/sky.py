@@ -65,7 +65,6 @@ def mask(
     3. A piece of which more than `WALL` was matched, and nearer than the far distance, is no sky.
     4. A linear discriminant [4]_ between the two colours takes away what does not look like the rest of the
        sky, and lets the region grow: over weaker edges, and to the edges from which the blur kept it.
-
     5. None of it is sky where more than `STRUCTURE` of it has edges that were matched near: those of what is
        brightest at night, or in an infrared image.
 

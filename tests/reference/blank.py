@@ -1,12 +1,12 @@
-"""The definition of an image's black frame, a pixel at a time."""
+"""The definition of an image's black border, a pixel at a time."""
 
 import math
 
 import numpy as np
 
 
-def frame(image, least, few, dark, noisy, most, blended):
-    """First place and end of what every row, and every column, shows; None where there is no frame."""
+def border(image, least, few, dark, noisy, most, blended):
+    """First place and end of what every row, and every column, shows; None where there is no border."""
     pixels = image.reshape(*image.shape[:2], -1)
     black = [[not pixels[y, x].any() for x in range(pixels.shape[1])] for y in range(pixels.shape[0])]
     dim = [
@@ -29,11 +29,11 @@ def lines(black, dim, few, noisy, most, blended):
     shares, firsts = [], []
     for one in both, turned:
         shares.append(sum(line[0] for line, _ in one[::few]) / len(one[::few]))
-        framed = sum(line[0] or row[0] for line, row in one) / len(one) >= most
+        bordered = sum(line[0] or row[0] for line, row in one) / len(one) >= most
         found = []
         for line, row in one:
             first = next((x for x in range(length) if not line[x]), length)
-            if framed or first > 0:
+            if bordered or first > 0:
                 more = 0
                 while more < noisy and row[min(first + more, length - 1)]:
                     more += 1

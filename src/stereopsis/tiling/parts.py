@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from stereopsis import blank, pipeline
+from stereopsis import pipeline
 from stereopsis.io.parts import Source
 from stereopsis.settings import Settings
 from stereopsis.tiling import reach
@@ -37,32 +38,28 @@ class Array(NamedTuple):
         return self.image[part.slices]
 
 
-class Continued(NamedTuple):
-    """An image that is continued over its black frame, as a `Source`."""
+class Changed(NamedTuple):
+    """An image whose pixels are changed as they are read, as a `Source`."""
 
     source: Source
-    frame: blank.Frame
+    dtype: np.dtype[Any]
+    change: Callable[[Image, Rectangle], Image]
 
     @property
     def shape(self) -> tuple[int, ...]:
         """``(H, W)`` or ``(H, W, 3)``."""
         return self.source.shape
 
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """uint8, uint16 or float32."""
-        return self.source.dtype
-
     def read(self, part: Rectangle) -> Image:
         """The pixels of a rectangle."""
-        return blank.continued(self.source.read(part), self.frame, part)
+        return self.change(self.source.read(part), part)
 
 
-def without_frames(sources: tuple[Source, Source], frames: pipeline.Frames) -> tuple[Source, Source]:
-    """Both images, continued over the frames that they have."""
+def without_borders(sources: tuple[Source, Source], borders: pipeline.Borders) -> tuple[Source, Source]:
+    """Both images, continued over the borders that they have."""
     left, right = (
-        source if frame is None else Continued(source, frame)
-        for source, frame in zip(sources, frames, strict=True)
+        source if border is None else Changed(source, source.dtype, border.continued)
+        for source, border in zip(sources, borders, strict=True)
     )
     return left, right
 
@@ -81,15 +78,15 @@ class Known:
         Largest magnitude of their pixels, where these are floats.
     step : float or None
         What their pixels are whole multiples of, where they are matched as bytes (`quantum.of`).
-    frames : (blank.Frame or None, blank.Frame or None)
-        Their black frames, where these are left out.
+    borders : (Border or None, Border or None)
+        Their black borders, where these are left out.
     """
 
     settings: Settings
     frame: Frame
     largest: float | None = None
     step: float | None = None
-    frames: pipeline.Frames = (None, None)
+    borders: pipeline.Borders = (None, None)
 
 
 class Piece(NamedTuple):
@@ -115,7 +112,7 @@ def match_tile(left: Source, right: Source, known: Known, tile: Tile) -> Piece:
     Piece
     """
     frame = dataclasses.replace(known.frame, top=tile.part.top, left=tile.part.left)
-    left, right = without_frames((left, right), known.frames)
+    left, right = without_borders((left, right), known.borders)
     found = pipeline.match_part(
         left.read(tile.part),
         right.read(tile.part),
@@ -123,7 +120,7 @@ def match_tile(left: Source, right: Source, known: Known, tile: Tile) -> Piece:
         frame,
         known.largest,
         known.step,
-        known.frames,
+        known.borders,
     )
     if repeats_rows(known.settings):
         _empty_unanswered(found.disparity, found.confidence, found.flags)

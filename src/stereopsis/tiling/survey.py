@@ -28,7 +28,7 @@ from stereopsis.io.parts import Source
 from stereopsis.settings import Settings, WindowCost
 from stereopsis.tiling import reach
 from stereopsis.tiling.grid import Tile, tile
-from stereopsis.tiling.parts import Known, match_tile, without_frames
+from stereopsis.tiling.parts import Changed, Known, match_tile, without_borders
 from stereopsis.types import Disparities, Frame, Halo, Image, Pair, Rectangle, Vertical
 
 BAND = 2**25
@@ -74,17 +74,17 @@ def survey(
     whole = _Pair(left, right, settings, band)
     told = progress or (lambda what: None)
     chosen = settings
-    frames: pipeline.Frames = (None, None)
+    borders: pipeline.Borders = (None, None)
     if settings.blank:
-        told("frames")
-        frames = _frames(whole)
-        left, right = without_frames((left, right), frames)
+        told("borders")
+        borders = _borders(whole)
+        left, right = without_borders((left, right), borders)
         whole = _Pair(left, right, settings, band)
     if left.dtype != np.uint8 and quantum.wanted(settings):
         told("levels")
         step = quantum.of(image.read(part) for _, part in whole.bands() for image in (left, right))
         if step is not None:
-            whole = _Pair(_Bytes(left, step), _Bytes(right, step), settings, band, step=step)
+            whole = _Pair(_in_bytes(left, step), _in_bytes(right, step), settings, band, step=step)
     if whole.left.dtype == np.float32:
         told("brightness")
         whole.largest = _largest(whole)
@@ -113,25 +113,12 @@ def survey(
         vertical = cast(Vertical, chosen.vertical) if moves else None
         ends = _limits(whole, vertical, frame)
         frame = dataclasses.replace(frame, levels=(min(ends[::2]), max(ends[1::2])))
-    return Known(chosen, frame, whole.largest, whole.step, frames)
+    return Known(chosen, frame, whole.largest, whole.step, borders)
 
 
-class _Bytes(NamedTuple):
-    """An image, counted in steps of so many grey levels."""
-
-    source: Source
-    step: float
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.source.shape
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return np.dtype(np.uint8)
-
-    def read(self, part: Rectangle) -> Image:
-        return quantum.in_bytes(self.source.read(part), self.step)
+def _in_bytes(source: Source, step: float) -> Source:
+    """The image, counted in steps of so many grey levels."""
+    return Changed(source, np.dtype(np.uint8), lambda image, part: quantum.in_bytes(image, step))
 
 
 @dataclasses.dataclass
@@ -167,10 +154,10 @@ class _Pair:
         return found._replace(step=self.step or found.step)
 
 
-def _frames(whole: _Pair) -> pipeline.Frames:
+def _borders(whole: _Pair) -> pipeline.Borders:
     """Of both images."""
     left, right = (
-        blank.frame_of(partial(_read_bands, whole, source), source.shape)
+        blank.border_of(partial(_read_bands, whole, source), source.shape)
         for source in (whole.left, whole.right)
     )
     return left, right

@@ -58,7 +58,7 @@ export const GROUPS = [
     title: "More",
     fields: [
       choice("sharpen", "Sharpen", [[null, "as they are"], ["auto", "undo blur"]]),
-      choice("blank", "Black frames", [[false, "as they are"], [true, "leave out"]]),
+      choice("blank", "Black borders", [[false, "as they are"], [true, "leave out"]]),
       choice("vertical", "Rows", [[null, "as they are"], ["estimate", "undo what is off"]]),
       choice("channels", "Channels", ["grey", "separate"]),
       choice("confidence", "Confidence", [[null, "sharpness"], "calibrated"]),

@@ -1,12 +1,12 @@
-"""What a black frame around the images costs, seen and not seen.
+"""What a black border around the images costs, seen and not seen.
 
-python benchmarks/frames.py FOLDER... [--preset NAME]... [--quality Q]
+python benchmarks/borders.py FOLDER... [--preset NAME]... [--quality Q]
 
-Each pair is matched as it is; with a frame as the undoing of a lens leaves it (sides that bow inwards,
+Each pair is matched as it is; with a border as the undoing of a lens leaves it (sides that bow inwards,
 other widths left and right), as the presets have it; and with `blank=off`. Errors are means over the pairs,
-over the pixels of known truth that both framed images show, in per cent: D1, or of Middlebury more than
+over the pixels of known truth that both bordered images show, in per cent: D1, or of Middlebury more than
 2 px; holes filled. With --quality all images go through a JPEG of that quality. The range is 0:128, or up to
-Middlebury's ndisp. Then the time of one thread on a pair, framed and not.
+Middlebury's ndisp. Then the time of one thread on a pair, bordered and not.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from stereopsis import datasets
 from stereopsis.settings import PRESETS
 
 SIDES = (25, 5, 4, 20), (5, 28, 18, 6)
-"""Left, right, top, bottom of the frame around either image at its corners, in pixels."""
+"""Left, right, top, bottom of the border around either image at its corners, in pixels."""
 BOW = 12
-WAYS = "no frame", "frame", "frame, blank=off"
+WAYS = "no border", "border", "border, blank=off"
 ROUNDS = 15
 
 
@@ -48,13 +48,13 @@ def main() -> None:
             cells += [f"{100 * error:.2f}" for error in errors.mean(axis=0)]
         print(f"| {preset} | {' | '.join(cells)} |", flush=True)
     pair = found[0][0].pair()
-    print("\n| preset | ms, no frame | ms, frame |\n| --- | ---: | ---: |")
+    print("\n| preset | ms, no border | ms, border |\n| --- | ---: | ---: |")
     for preset in presets:
         print(f"| {preset} | {' | '.join(f'{1000 * value:.1f}' for value in times(pair, preset))} |")
 
 
-def border(shape: tuple[int, ...], sides: tuple[int, int, int, int]) -> npt.NDArray[np.bool_]:
-    """Where the frame lies."""
+def outline(shape: tuple[int, ...], sides: tuple[int, int, int, int]) -> npt.NDArray[np.bool_]:
+    """Where the border lies."""
     height, width = shape[:2]
     y, x = np.ogrid[:height, :width]
     left, right, top, bottom = sides
@@ -64,24 +64,31 @@ def border(shape: tuple[int, ...], sides: tuple[int, int, int, int]) -> npt.NDAr
     )
 
 
+def bordered(pair: st.Pair) -> list[npt.NDArray[np.uint8]]:
+    """Both images with their borders."""
+    images = []
+    for image, sides in zip((pair.left, pair.right), SIDES, strict=True):
+        hidden = outline(image.shape, sides)
+        images.append(image.copy())
+        images[-1][hidden] = 0
+    return images
+
+
 def measure(sample: datasets.Sample, preset: str, quality: int | None) -> list[float]:
     """The share of wrong pixels, for each way."""
     pair, truth, mask = sample.pair(), sample.truth(), sample.mask()
     assert truth is not None
     ndisp = pair.calibration.ndisp if pair.calibration else None
-    here, there = (border(pair.left.shape, sides) for sides in SIDES)
+    here, there = (outline(pair.left.shape, sides) for sides in SIDES)
     known = np.isfinite(truth) & ~here if mask is None else np.isfinite(truth) & mask & ~here
     y, x = np.nonzero(known)
     match = np.rint(x - truth[y, x]).astype(int)
     known[y, x] = (match >= 0) & ~there[y, match.clip(0)]
     plain = [read(image, quality) for image in (pair.left, pair.right)]
-    framed = [
-        read(np.where(hidden[..., None] if image.ndim > 2 else hidden, image.dtype.type(0), image), quality)
-        for image, hidden in ((pair.left, here), (pair.right, there))
-    ]
+    with_borders = [read(image, quality) for image in bordered(pair)]
     chosen = PRESETS[preset].changed(disparities=(0, ndisp or 128), fill=PRESETS[preset].fill or "background")
     shares = []
-    for (left, right), blank in ((plain, True), (framed, True), (framed, False)):
+    for (left, right), blank in ((plain, True), (with_borders, True), (with_borders, False)):
         found = st.match(st.Pair(left, right, pair.calibration), settings=chosen.changed(blank=blank))
         off = np.abs(found.disparity - truth)[known]
         wrong = off > 2 if ndisp else (off > 3) & (off > 0.05 * truth[known])
@@ -99,19 +106,16 @@ def read(image: npt.NDArray[np.uint8], quality: int | None) -> npt.NDArray[np.ui
 
 
 def times(pair: st.Pair, preset: str) -> tuple[float, float]:
-    """Seconds of one thread, without frames and with them."""
-    framed = [
-        np.where(border(image.shape, sides)[..., None], np.uint8(0), image)
-        if image.ndim > 2
-        else np.where(border(image.shape, sides), np.uint8(0), image)
-        for image, sides in zip((pair.left, pair.right), SIDES, strict=True)
-    ]
+    """Seconds of one thread, without borders and with them."""
+    with_borders = bordered(pair)
     chosen = PRESETS[preset].changed(disparities=(0, 128), threads=1)
     rows = []
     for _ in range(ROUNDS):
-        rows.append((st.match(pair, settings=chosen).seconds, st.match(*framed, settings=chosen).seconds))
-    without, framed_one = (statistics.median(column) for column in zip(*rows, strict=True))
-    return without, framed_one
+        rows.append(
+            (st.match(pair, settings=chosen).seconds, st.match(*with_borders, settings=chosen).seconds)
+        )
+    without, within = (statistics.median(column) for column in zip(*rows, strict=True))
+    return without, within
 
 
 if __name__ == "__main__":

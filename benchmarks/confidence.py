@@ -2,11 +2,15 @@
 
 python benchmarks/confidence.py fit FOLDER... [--set NAME=VALUE]... [--preset NAME]...
 python benchmarks/confidence.py check FOLDER... [--set NAME=VALUE]... [--preset NAME]...
+python benchmarks/confidence.py fit FOLDER... --unfiltered sgm|local
+python benchmarks/confidence.py check FOLDER... --unfiltered sgm|local
 
 `fit` prints weights such as stand in src/stereopsis/confidence.py, from every second pair of each benchmark,
 each of which counts alike, matched by each of the presets. `check` takes the other pairs: areas under the
-sparsification curve over the ideal ones, and the reliability table. The range is 0:128, or up to Middlebury's
-ndisp. Pixels that only the left camera sees do not count where they are known.
+sparsification curve over the ideal ones, and the reliability table. With `--unfiltered` it is maps that no
+filter has seen, of several costs, and others to check: their calibration errors, and in brackets what the
+weights of filtered maps would have. The range is 0:128, or up to Middlebury's ndisp. Pixels that only the
+left camera sees do not count where they are known.
 """
 
 from __future__ import annotations
@@ -37,11 +41,55 @@ SAMPLE = 4000
 LEAST = 0.85
 """What the preset "accurate" stands for."""
 MEASURES = ("bad-1", "bad-2", "bad-3", "epe")
+UNFILTERED = {
+    "sgm": (
+        "cost=census",
+        "cost=census left_right=1",
+        "cost=census left_right=1 fill=background",
+        "cost=census(9x7,aggregation=3)",
+        "cost=census(9x7,aggregation=3) left_right=1 uniqueness=5",
+        "cost=census median=5",
+        "cost=birchfield-tomasi left_right=1",
+    ),
+    "local": (
+        "cost=zncc window=7",
+        "cost=zncc window=9 left_right=1",
+        "cost=zncc window=9 median=5",
+        "cost=zncc window=21",
+        "cost=zncc window=21 left_right=1 uniqueness=5 fill=background",
+        "cost=zncc window=31",
+        "cost=sad window=9",
+        "cost=sad window=9 left_right=1",
+        "cost=ssd window=21",
+        "cost=census(9x7,aggregation=9)",
+        "cost=census(9x7,aggregation=9) left_right=1 fill=background",
+    ),
+}
+"""What is fitted, with SGM and without..."""
+CHECKED = {
+    "sgm": (
+        *UNFILTERED["sgm"],
+        "cost=census left_right=1 uniqueness=5 median=3",
+        "cost=combined(census,0.7,gradient,0.3)",
+        "cost=zncc window=5 left_right=1",
+    ),
+    "local": (
+        *UNFILTERED["local"],
+        "cost=zncc window=13 left_right=1 median=3",
+        "cost=ncc window=25",
+        "cost=zsad window=15 left_right=1 fill=interpolate",
+        "cost=zncc window=41x15",
+    ),
+}
+"""...and checked: others as well."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     options = parse(arguments)
     found = [datasets.open(folder) for folder in options.folders]
+    if options.unfiltered is not None:
+        unfiltered(found, options.unfiltered, options.task)
+        return
     presets = options.presets or [None]
     settings = [Settings.make(preset, assignments=options.assignments) for preset in presets]
     if options.task == "fit":
@@ -60,6 +108,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("folders", nargs="+", metavar="FOLDER", type=Path)
     parser.add_argument("--set", dest="assignments", action="append", default=[], metavar="NAME=VALUE")
     parser.add_argument("--preset", dest="presets", action="append", default=[], metavar="NAME")
+    parser.add_argument("--unfiltered", choices=tuple(UNFILTERED))
     return parser.parse_args(arguments)
 
 
@@ -100,14 +149,53 @@ def maps(sample: datasets.Sample, settings: Settings) -> Maps:
     return Maps(tuple(given), confidence.probability(*given, model), np.abs(surface - truth), known)
 
 
-def fit(found: Sequence[datasets.Dataset], settings: Sequence[Settings]) -> Iterator[Floats]:
-    """Weights for matched, then for filled pixels."""
+def unfiltered(found: Sequence[datasets.Dataset], which: str, task: str) -> None:
+    """Weights, or calibration errors, of maps that no filter has seen."""
+    sgm = ["optimize=sgm"] if which == "sgm" else []
+    chains = UNFILTERED if task == "fit" else CHECKED
+    settings = [Settings.make(None, assignments=[*chain.split(), *sgm]) for chain in chains[which]]
+    if task == "fit":
+        for weights in fit(found, settings, by_window=which == "local"):
+            print(f"({', '.join(f'{weight:.3f}' for weight in weights)}),")
+        return
+    print(f"| settings | {' | '.join(dataset.name for dataset in found)} |")
+    print("| --- " + "| ---: " * len(found) + "|")
+    for chain, chosen in zip(chains[which], settings, strict=True):
+        errors = (calibration(dataset, chosen) for dataset in found)
+        row = " | ".join(f"{own:.3f} ({filtered:.3f})" for own, filtered in errors)
+        print(f"| `{chain}` | {row} |", flush=True)
+
+
+def calibration(dataset: datasets.Dataset, settings: Settings) -> tuple[float, float]:
+    """The expected calibration error of what maps answer; and with the weights of filtered maps."""
+    model = confidence.model(isinstance(settings.optimize, st.SGM), True, settings.cost.size)
+    trusts: tuple[list[Any], list[Any]] = [], []
+    rights = []
+    for sample in dataset[1::2]:
+        seen = maps(sample, settings)
+        counts = seen.known if settings.fill is not None else seen.known & seen.answered
+        rights.append(seen.errors[counts] <= RIGHT)
+        for trust, found in zip(
+            trusts, (seen.probability, confidence.probability(*seen.given, model)), strict=True
+        ):
+            trust.append(found[counts])
+    own, filtered = (reliability(np.concatenate(trust), np.concatenate(rights)).error for trust in trusts)
+    return own, filtered
+
+
+def fit(
+    found: Sequence[datasets.Dataset], settings: Sequence[Settings], by_window: bool = False
+) -> Iterator[Floats]:
+    """Weights for matched, then for filled pixels; before the last one, that of the window's doublings."""
     rng = np.random.default_rng(0)
     rows: dict[bool, list[tuple[Floats, Floats, Floats]]] = {True: [], False: []}
     for dataset in found:
         for sample, chosen_settings in itertools.product(dataset[::2], settings):
             seen = maps(sample, chosen_settings)
             table = confidence.features(*seen.given)
+            if by_window:
+                doublings = confidence.doublings(chosen_settings.cost.size)
+                table = np.insert(table, -1, doublings, axis=2)
             for which, chosen in rows.items():
                 at = np.flatnonzero(seen.known & (seen.answered == which))
                 share = at.size / max(1, np.count_nonzero(seen.known)) / len(dataset[::2])

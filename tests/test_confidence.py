@@ -8,12 +8,18 @@ from reference import confidence as reference
 from stereopsis import confidence
 from stereopsis.reliability import reliability
 
+MODELS = [
+    confidence.model(semi_global, filtered, (9, 7))
+    for semi_global in (False, True)
+    for filtered in (False, True)
+]
+
 
 @given(
     shape=some.tuples(some.integers(1, 9), some.integers(1, 25)),
     scale=some.sampled_from([0, 0.5, 4, 300]),
     threads=some.sampled_from([1, 3]),
-    model=some.sampled_from([confidence.SEMI_GLOBAL, confidence.LOCAL]),
+    model=some.sampled_from(MODELS),
     seed=some.integers(0, 2**32),
 )
 @settings(max_examples=40, deadline=None)
@@ -73,6 +79,34 @@ def test_a_smooth_surface_is_trusted_more_than_a_broken_one(model):
     # An answer that the filters drew far from what was matched is worth less.
     drawn = confidence.probability(surface, everywhere, sharpness, surface + 2, texture, model)
     assert drawn[:, :20].max() < trust[:, :20].min()
+
+
+def test_each_map_has_its_model():
+    assert confidence.model(True, True, (9, 7)) is confidence.SEMI_GLOBAL
+    assert confidence.model(False, True, (9, 7)) is confidence.LOCAL
+    assert confidence.model(True, False, (9, 7)) is confidence.SEMI_GLOBAL_UNFILTERED
+    assert confidence.model(False, False, (1, 1)) == confidence.LOCAL_UNFILTERED
+    wide = confidence.model(False, False, (16, 4))
+    for mine, others, gain in zip(wide, confidence.LOCAL_UNFILTERED, confidence.PER_DOUBLING, strict=True):
+        assert mine[:-1] == others[:-1]
+        assert mine[-1] == pytest.approx(others[-1] + 3 * gain)
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        {"cost": st.Census(), "optimize": st.SGM()},
+        {"cost": st.Census(), "optimize": st.SGM(), "left_right": 1, "fill": "background"},
+        {"cost": st.ZNCC(31)},
+        {"cost": st.ZNCC(9), "left_right": 1, "uniqueness": 5},
+    ],
+)
+def test_calibrated_without_filters(chain):
+    scene = st.scenes.street(320, 200, seed=5)
+    result = st.match(scene.left, scene.right, disparities=(0, 64), confidence="calibrated", **chain)
+    known = np.isfinite(scene.disparity) & np.isfinite(result.disparity)
+    right = np.abs(result.disparity - scene.disparity)[known] <= 3
+    assert reliability(result.confidence[known], right).error < 0.1
 
 
 def test_calibrated_on_a_scene():

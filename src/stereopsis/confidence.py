@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -46,11 +47,60 @@ LOCAL = Model(
     (0.000, -0.598, 2.781, -0.087, -5.918, -0.786, -1.873, 1.118, -1.201, 1.541),
 )
 """For everything else."""
+# python benchmarks/confidence.py fit DRIVINGSTEREO KITTI2015 MIDDLEBURY --unfiltered sgm
+SEMI_GLOBAL_UNFILTERED = Model(
+    (1.590, 6.007, -1.485, -0.822, -2.904, -1.655, -2.710, 2.194, -0.476, 3.042),
+    (0.000, 5.185, 2.214, -0.692, -0.014, -0.854, -2.585, 1.433, -0.632, -0.082),
+)
+"""For semi-global matching whose regions and surfaces no filter has looked at."""
+# The same with --unfiltered local
+LOCAL_UNFILTERED = Model(
+    (2.003, 0.983, -1.355, -0.355, -3.110, -1.158, -1.896, 0.156, 1.098, 6.089),
+    (0.000, 2.127, 2.139, -0.047, -1.269, -0.867, -2.581, 2.159, -0.268, -1.959),
+)
+"""For everything else, with a window of 1 x 1..."""
+PER_DOUBLING = -0.657, 0.513
+"""...and what the last weight gains with each doubling of the window's side."""
 
 TEXTURE_WINDOW = (9, 9)
 """Of `stereopsis.validate.texture`, which the model looks at."""
 HALO = Halo.around(16)
 """What `probability` depends on."""
+
+
+def model(semi_global: bool, filtered: bool, window: tuple[int, int]) -> Model:
+    """The weights for a map.
+
+    Maps that no filter has seen hold wrong answers of other looks than those that are left in filtered ones.
+
+    Parameters
+    ----------
+    semi_global : bool
+        Whether it comes from semi-global matching.
+    filtered : bool
+        Whether small regions were removed from it, or it was drawn to planes.
+    window : (int, int)
+        Width and height of all that the cost sees: a large window's wrong answers lie beside jumps, in smooth
+        places.
+
+    Returns
+    -------
+    Model
+    """
+    if filtered:
+        return SEMI_GLOBAL if semi_global else LOCAL
+    if semi_global:
+        return SEMI_GLOBAL_UNFILTERED
+    answered, filled = (
+        (*weights[:-1], weights[-1] + gain * doublings(window))
+        for weights, gain in zip(LOCAL_UNFILTERED, PER_DOUBLING, strict=True)
+    )
+    return Model(answered, filled)
+
+
+def doublings(window: tuple[int, int]) -> float:
+    """How often the side of a window was doubled."""
+    return math.log2(window[0] * window[1]) / 2
 
 
 def probability(
@@ -83,7 +133,7 @@ def probability(
     texture : ndarray of float32, (H, W)
         `stereopsis.validate.texture` of the left image, in 256 grey levels, over `TEXTURE_WINDOW`.
     model : Model
-        Sharpness means another thing after another cost: `SEMI_GLOBAL` or `LOCAL`.
+        As `model` has it: sharpness means another thing after another cost.
     threads : int
 
     Returns

@@ -613,7 +613,8 @@ def _calibrated(
         surface[holes.all(axis=1)] = 0
     guide = _fused.guide_of(pixels)[..., None]
     texture = validate.texture(guide, confidence.TEXTURE_WINDOW, chosen.threads)
-    model = confidence.SEMI_GLOBAL if isinstance(chosen.optimize, sgm.SGM) else confidence.LOCAL
+    filtered = any(step is not None for step in (chosen.speckle, chosen.planar, chosen.planes))
+    model = confidence.model(isinstance(chosen.optimize, sgm.SGM), filtered, chosen.cost.size)
     given = surface, matched, sharpness, winners, texture
     found = confidence.probability(*given, model, chosen.threads)
     found[holes] = 0

@@ -115,7 +115,7 @@ class TestMatch:
         assert "sad, window gaussian:1.5,4" in run(capsys, *words)
 
     def test_each_output_in_the_format_of_its_name(self, folder: Path, capsys: Capture) -> None:
-        names = ["a.png", "b.pfm", "c.npy", "d.tif", "preview.png", "f.jpg", "g.ply"]
+        names = ["a.png", "b.pfm", "c.npy", "d.tif", "preview.png", "f.jpg", "g.ply", "depth.png"]
         outputs = [word for name in names for word in ("-o", name)]
         arguments = ["--calibration", "calib.txt", "--disparities", "0:24", "--set", "cost=sad"]
         said = report(capsys, "match", "left.png", "right.png", *outputs, *arguments)
@@ -125,7 +125,7 @@ class TestMatch:
         np.testing.assert_array_equal(st.read_disparity("d.tif"), exact)
         np.testing.assert_allclose(st.read_disparity("a.png"), exact, atol=1 / 256)
         kinds = [report(capsys, "info", name)["kind"] for name in names]
-        assert kinds == ["disparity"] * 4 + ["image"] * 2 + ["points"]
+        assert kinds == ["disparity"] * 4 + ["image"] * 2 + ["points", "depth"]
 
     @pytest.mark.parametrize("text", ["-16:8", "-16:-3", "5:6"])
     def test_range_is_half_open_and_may_be_negative(self, text: str, folder: Path, capsys: Capture) -> None:

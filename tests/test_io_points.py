@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from stereopsis.io import depth, describe, points, write_ply
+from stereopsis.io import (
+    depth,
+    describe,
+    points,
+    read_disparity,
+    read_image,
+    write_depth,
+    write_output,
+    write_ply,
+)
 from stereopsis.types import Calibration
 
 NAN = np.nan
@@ -29,6 +38,43 @@ def test_depth_is_finite_or_nan() -> None:
     z = depth(tiny, Calibration(focal=1000.0, cx=0, cy=0, baseline=1.0))
     assert not np.isinf(z).any()
     np.testing.assert_array_equal(np.isnan(z), [[True, True, False, True]])
+
+
+def test_a_depth_image_holds_millimetres(tmp_path: Path) -> None:
+    metres = np.array([[0.0004, 0.0006, 1.2344, 65.535], [65.536, NAN, np.inf, -1]], np.float32)
+    write_depth(tmp_path / "depth.png", metres)
+    stored = read_image(tmp_path / "depth.png")
+    assert stored.dtype == np.uint16
+    np.testing.assert_array_equal(stored, [[0, 1, 1234, 65535], [0, 0, 0, 0]])
+    described = describe(tmp_path / "depth.png")
+    assert (described["min"], described["max"]) == (pytest.approx(0.001), pytest.approx(65.535))
+    assert (described["median"], described["density"]) == (pytest.approx(1.234), 3 / 8)
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif"])
+def test_a_depth_image_of_floats_holds_metres(tmp_path: Path, suffix: str) -> None:
+    disparity = np.array([[0, 15, 40], [NAN, -10, -11]], np.float32)
+    write_output(tmp_path / f"a-depth{suffix}", disparity, calibration=CAMERA)
+    # Only names tell depth from disparity: read as one, the values are what is stored.
+    stored = read_disparity(tmp_path / f"a-depth{suffix}")
+    np.testing.assert_array_equal(stored, np.array([[5, 2, 1], [NAN, NAN, NAN]], np.float32))
+    assert describe(tmp_path / f"a-depth{suffix}")["max"] == 5
+
+
+@pytest.mark.parametrize(
+    ("depth", "name", "error", "message"),
+    [
+        (np.ones((2, 3), int), "a.png", TypeError, "depth must be an array of floats"),
+        (np.ones(3), "a.png", ValueError, r"depth must have the shape \(H, W\)"),
+        (np.ones((2, 3)), "a.jpg", ValueError, "unknown suffix '.jpg'"),
+    ],
+)
+def test_what_is_no_depth_is_not_written(
+    tmp_path: Path, depth: Any, name: str, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        write_depth(tmp_path / name, depth)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_points_by_hand() -> None:

@@ -104,6 +104,14 @@ def test_every_size_has_a_preview(tmp_path: Path, shape: tuple[int, int], suffix
         ("out.tif", "disparity", "tiff"),
         ("out.tiff", "disparity", "tiff"),
         ("out.ply", "points", "ply binary_little_endian"),
+        ("depth.png", "depth", "png"),
+        ("out-Depth.PNG", "depth", "png"),
+        ("out-depth.pfm", "depth", "pfm"),
+        ("depth.npy", "depth", "npy"),
+        ("depth.tif", "depth", "tiff"),
+        ("depths.png", "disparity", "kitti"),
+        ("depth.jpg", "image", "jpeg"),
+        ("depth.ply", "points", "ply binary_little_endian"),
     ],
 )
 def test_the_name_says_what_is_written(tmp_path: Path, name: str, kind: str, format: str) -> None:
@@ -128,6 +136,8 @@ def test_a_limit_of_the_cloud_is_passed_on(tmp_path: Path) -> None:
         ("out.exr", ValueError, r"out\.exr: unknown suffix '\.exr'; \.png, \.pfm"),
         ("out", ValueError, "unknown suffix ''"),
         ("out.ply", ValueError, r"out\.ply: a point cloud needs a calibration"),
+        ("out-depth.png", ValueError, r"out-depth\.png: a depth image needs a calibration"),
+        ("depth.tif", ValueError, r"depth\.tif: a depth image needs a calibration"),
         ("nowhere/out.png", FileNotFoundError, "nowhere"),
         ("folder.png", IsADirectoryError, "folder.png"),
     ],

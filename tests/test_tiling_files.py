@@ -448,6 +448,9 @@ def test_the_command_writes_anything_where_the_whole_fits(pair, tmp_path, capsys
     assert code == 2
     assert "needs the whole map in memory" in err
     assert ".zarr are written in tiles" in err
+    code, _, err = run(capsys, "match", *files, "-o", tmp_path / "depth.tif", "--memory", "1MiB")
+    assert code == 2
+    assert "depth.tif needs the whole map in memory" in err
 
 
 @pytest.mark.parametrize(

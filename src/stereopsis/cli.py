@@ -230,7 +230,7 @@ def commands(ctx: click.Context) -> None:
     "--memory", metavar="SIZE", help="Take no more memory than this, such as 2GiB; in tiles if need be."
 )
 @_choices
-@click.option("--calibration", type=_INPUT, help="The pair's calibration; .ply needs it.")
+@click.option("--calibration", type=_INPUT, help="The pair's calibration, for .ply and *depth.")
 @click.option("--truth", type=_INPUT, help="Score the result against this disparity map.")
 @click.option("--show", is_flag=True, help="Then open the page on it; see 'stereopsis view --help'.")
 @_json
@@ -254,7 +254,8 @@ def match(
       stereopsis match big_left.tif big_right.tif -o big.tif --memory 2GiB
 
     What an output holds follows its name: .png 16-bit disparities as KITTI has them; .pfm, .npy, .tif
-    disparities as they are; *preview.png and .jpg a picture; .ply a point cloud in metres.
+    disparities as they are; *preview.png and .jpg a picture; *depth.png millimetres in 16 bits,
+    *depth.tif, .npy, .pfm metres; .ply a point cloud in metres.
 
     With --memory, images of any size are read, matched and written in tiles: from TIFF, NPY and Zarr into
     .tif, .npy, .pfm and .zarr.
@@ -816,15 +817,16 @@ def _in_tiles(
     """Match from files into files; False where the whole has to be in memory, and fits."""
     from stereopsis import tiling
     from stereopsis.io.parts import PART_SUFFIXES
+    from stereopsis.io.points import names_depth
 
-    others = [path for path in outputs if path.suffix.lower() not in PART_SUFFIXES]
+    others = [path for path in outputs if path.suffix.lower() not in PART_SUFFIXES or names_depth(path)]
     if others or truth or not outputs:
         fits, needed = tiling.whole_fits(left, right, settings, memory)
         if not fits:
             whole = f"writing {others[0]}" if others else "a score" if truth else "printing without writing"
             raise ValueError(
                 f"{whole} needs the whole map in memory, about {needed / 2**20:.0f} MiB, and --memory is "
-                f"{memory}; {', '.join(PART_SUFFIXES)} are written in tiles"
+                f"{memory}; disparities in {', '.join(PART_SUFFIXES)} are written in tiles"
             )
         return False
     with _progress("tiles") as advance:

@@ -5,7 +5,7 @@ from stereopsis.io.disparity import read_disparity, write_disparity
 from stereopsis.io.images import read_image, read_pair, write_image
 from stereopsis.io.info import describe
 from stereopsis.io.output import OUTPUT_SUFFIXES, check_output, write_output
-from stereopsis.io.points import depth, points, write_ply
+from stereopsis.io.points import depth, points, write_depth, write_ply
 from stereopsis.io.preview import colorize, write_preview
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "read_image",
     "read_pair",
     "write_calibration",
+    "write_depth",
     "write_disparity",
     "write_image",
     "write_output",

@@ -119,8 +119,8 @@ def encode_disparity(disparity: DisparityMap, format: str) -> tuple[bytes, Dispa
     return png.encode_map(fixed), _from_fixed_point(fixed, divisor)
 
 
-def check_disparity(disparity: DisparityMap) -> DisparityMap:
-    """A float32 copy of a disparity map, NaN where it is not finite.
+def check_disparity(disparity: DisparityMap, name: str = "disparity") -> DisparityMap:
+    """A float32 copy of a disparity map, or of another map of that name, NaN where it is not finite.
 
     Raises
     ------
@@ -129,9 +129,9 @@ def check_disparity(disparity: DisparityMap) -> DisparityMap:
     """
     if not isinstance(disparity, np.ndarray) or disparity.dtype.kind != "f":
         what = disparity.dtype if isinstance(disparity, np.ndarray) else type(disparity).__name__
-        raise TypeError(f"disparity must be an array of floats, NaN where invalid, not {what}")
+        raise TypeError(f"{name} must be an array of floats, NaN where invalid, not {what}")
     if disparity.ndim != 2 or disparity.size == 0:
-        raise ValueError(f"disparity must have the shape (H, W), not {disparity.shape}")
+        raise ValueError(f"{name} must have the shape (H, W), not {disparity.shape}")
     return _finite(disparity)
 
 

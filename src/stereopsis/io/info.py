@@ -15,6 +15,7 @@ from stereopsis.io.disparity import as_disparity
 from stereopsis.io.formats import BEGINNING, Raster, check_size, decode, identify
 from stereopsis.io.formats._limits import MAX_BYTES
 from stereopsis.io.images import as_image
+from stereopsis.io.points import MILLIMETRES, names_depth
 
 _PLY = (b"ply\n", b"ply\r\n")
 
@@ -34,7 +35,8 @@ _PLY_TYPES = {
 def describe(path: StrPath) -> dict[str, Any]:
     """What a file holds.
 
-    A 16-bit grey PNG and a float image of one channel are described as disparity maps.
+    A 16-bit grey PNG and a float image of one channel are described as disparity maps; as depth where their
+    name ends so, as ``out-depth.png`` does.
 
     Parameters
     ----------
@@ -44,9 +46,10 @@ def describe(path: StrPath) -> dict[str, Any]:
     Returns
     -------
     dict
-        Ready for JSON. Always ``file``, ``kind`` (``"disparity"``, ``"image"``, ``"calibration"`` or
-        ``"points"``) and ``format``. Of pixels ``width``, ``height``, ``channels``, ``dtype``, ``min`` and
-        ``max``; of a disparity map also ``density``, the fraction of valid pixels, and ``median``. Of a
+        Ready for JSON. Always ``file``, ``kind`` (``"disparity"``, ``"depth"``, ``"image"``,
+        ``"calibration"`` or ``"points"``) and ``format``. Of pixels ``width``, ``height``, ``channels``,
+        ``dtype``, ``min`` and ``max``; of a disparity map, in pixels, and of depth, in metres, also
+        ``density``, the fraction of valid pixels, and ``median``. Of a
         calibration its fields, in pixels and metres. Of points ``points``, ``properties`` and, of a binary
         file, ``min`` and ``max`` of x, y and z.
 
@@ -69,7 +72,7 @@ def describe(path: StrPath) -> dict[str, Any]:
             format, camera = calibration.parse(data)
             found = {"kind": "calibration", "format": format, **dataclasses.asdict(camera)}
         else:
-            found = _pixels(decode(data))
+            found = _pixels(decode(data), names_depth(path))
     return {"file": str(path), **found}
 
 
@@ -86,21 +89,22 @@ def _is_calibration(data: bytes) -> bool:
     return identify(data) is None and calibration.identify(data) is not None
 
 
-def _pixels(raster: Raster) -> dict[str, Any]:
+def _pixels(raster: Raster, depth: bool) -> dict[str, Any]:
     pixels = raster.pixels
     grey = pixels.ndim == 2
     kitti = grey and raster.format == "png" and pixels.dtype == np.uint16
     if kitti or (grey and pixels.dtype.kind == "f"):
         disparity = as_disparity(raster)
-        valid = disparity[~np.isnan(disparity)]
-        kind = "disparity"
+        where = ~np.isnan(disparity)
+        valid = pixels[where] / np.float32(MILLIMETRES) if depth and kitti else disparity[where]
+        kind = "depth" if depth else "disparity"
         values = {"density": valid.size / disparity.size, "median": float(np.median(valid))}
     else:
         valid = as_image(raster)
         kind, values = "image", {}
     return {
         "kind": kind,
-        "format": "kitti" if kitti else raster.format,
+        "format": "kitti" if kitti and not depth else raster.format,
         "width": pixels.shape[1],
         "height": pixels.shape[0],
         "channels": 1 if grey else pixels.shape[2],

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stereopsis.io._errors import StrPath
 from stereopsis.io.disparity import write_disparity
-from stereopsis.io.points import points, write_ply
+from stereopsis.io.points import depth, names_depth, points, write_depth, write_ply
 from stereopsis.io.preview import write_preview
 from stereopsis.types import Calibration, DisparityMap, Image
 
@@ -22,7 +22,7 @@ def check_output(path: StrPath, *, calibration: Calibration | None = None) -> No
     Raises
     ------
     ValueError
-        The suffix is unknown, or it is ``.ply`` and there is no calibration.
+        The suffix is unknown, or it is a point cloud or a depth image and there is no calibration.
     FileNotFoundError
         The folder does not exist.
     IsADirectoryError
@@ -32,8 +32,9 @@ def check_output(path: StrPath, *, calibration: Calibration | None = None) -> No
     suffix = target.suffix.lower()
     if suffix not in OUTPUT_SUFFIXES:
         raise ValueError(f"{target}: unknown suffix {suffix!r}; {', '.join(OUTPUT_SUFFIXES)} are written")
-    if suffix == ".ply" and calibration is None:
-        raise ValueError(f"{target}: a point cloud needs a calibration")
+    if calibration is None and (suffix == ".ply" or _is_depth(target)):
+        what = "point cloud" if suffix == ".ply" else "depth image"
+        raise ValueError(f"{target}: a {what} needs a calibration")
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
     if not target.parent.is_dir():
@@ -55,6 +56,8 @@ def write_output(
     name                                             content
     ===============================================  =====================================================
     ``*preview.png``, ``.jpg``, ``.jpeg``            colour picture with a colour bar; see `write_preview`
+    ``*depth.png``                                   16-bit depth in millimetres; see `write_depth`
+    ``*depth.pfm``, ``.npy``, ``.tif``, ``.tiff``    float32 depth in metres
     ``.png``                                         KITTI's 16-bit disparities; see `write_disparity`
     ``.pfm``, ``.npy``, ``.tif``, ``.tiff``          float32 disparities
     ``.ply``                                         point cloud in metres; see `points`
@@ -69,7 +72,7 @@ def write_output(
     image : ndarray, (H, W) or (H, W, 3), optional
         The left image, which colours the points.
     calibration : Calibration, optional
-        A point cloud needs it.
+        A point cloud or a depth image needs it.
     range : (float, float), optional
         The disparities of the preview's first and last colour.
     max_depth : float, optional
@@ -88,5 +91,11 @@ def write_output(
             write_preview(path, disparity, range)
         case ".png" if Path(path).stem.lower().endswith("preview"):
             write_preview(path, disparity, range)
+        case _ if calibration is not None and _is_depth(path):
+            write_depth(path, depth(disparity, calibration))
         case _:
             write_disparity(path, disparity)
+
+
+def _is_depth(path: StrPath) -> bool:
+    return names_depth(path) and Path(path).suffix.lower() not in (".ply", ".jpg", ".jpeg")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -10,9 +11,13 @@ import numpy.typing as npt
 from stereopsis.io._errors import StrPath
 from stereopsis.io.atomic import write_bytes
 from stereopsis.io.calibration import check_calibration
-from stereopsis.io.disparity import check_disparity
+from stereopsis.io.disparity import check_disparity, write_disparity
+from stereopsis.io.formats import png
 from stereopsis.io.images import check_image
 from stereopsis.types import Calibration, DisparityMap, Image
+
+MILLIMETRES = 1000
+"""A metre in a depth image of whole numbers."""
 
 
 def depth(disparity: DisparityMap, calibration: Calibration) -> npt.NDArray[np.float32]:
@@ -47,6 +52,44 @@ def depth(disparity: DisparityMap, calibration: Calibration) -> npt.NDArray[np.f
     with np.errstate(divide="ignore", over="ignore"):
         z = np.float32(c.focal * c.baseline) / shifted
     return np.where((shifted > 0) & np.isfinite(z), z, np.float32(np.nan))
+
+
+def write_depth(path: StrPath, depth: npt.NDArray[np.floating[Any]]) -> None:
+    """Write a depth image, whole or not at all.
+
+    A ``.png`` holds millimetres in 16 bits, 0 where there is no depth, as ROS (REP 118, "16UC1"), Open3D and
+    depth cameras have them; what is farther than 65.535 m is 0 too. ``.pfm``, ``.npy``, ``.tif`` and
+    ``.tiff`` hold metres as they are.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The file; an existing one is replaced.
+    depth : ndarray of floats, (H, W)
+        In metres; NaN, infinite, 0 or negative where there is none.
+
+    Raises
+    ------
+    TypeError
+        `depth` is not an array of floats.
+    ValueError
+        Its shape is not ``(H, W)``, or the suffix is another.
+    OSError
+        The file cannot be written.
+    """
+    metres = check_disparity(depth, "depth")
+    metres[~(metres > 0)] = np.nan
+    if Path(path).suffix.lower() != ".png":
+        write_disparity(path, metres)
+        return
+    counts = np.rint(np.nan_to_num(metres).astype(np.float64) * MILLIMETRES)
+    counts[counts > np.iinfo(np.uint16).max] = 0
+    write_bytes(path, png.encode_map(counts.astype(np.uint16)))
+
+
+def names_depth(path: StrPath) -> bool:
+    """Whether a file's name says that it holds depth, as ``depth.png`` and ``out-depth.tif`` do."""
+    return Path(path).stem.lower().endswith("depth")
 
 
 def points(

@@ -144,7 +144,7 @@ def test_files_are_those_of_the_library(
     server: Server, result: dict[str, Any], scene: st.scenes.Scene, tmp_path: Path
 ) -> None:
     own = st.match(scene.pair, preset="fast", disparities=(0, 24))
-    for name in ("disparity.png", "disparity.pfm", "preview.png", "points.ply"):
+    for name in ("disparity.png", "disparity.pfm", "preview.png", "depth.png", "points.ply"):
         answer = server.get(f"/api/results/{result['result']}/download/{name}")
         st.io.write_output(tmp_path / name, own.disparity, image=scene.left, calibration=scene.calibration)
         assert answer.content == (tmp_path / name).read_bytes(), name

@@ -225,9 +225,19 @@ def test_the_street_opens(visit: Callable[..., Page], street: Served) -> None:
     expect(page.locator("#summary")).to_contain_text("disparities")
     expect(page.locator("#scores table")).to_be_visible()
     expect(page.locator(".times")).to_contain_text("match")
-    expect(page.locator("#downloads a")).to_have_count(5)
+    expect(page.locator("#downloads a")).to_have_count(6)
     picture = seen(page.locator("#stage"))
     assert np.unique(picture.reshape(-1, 3), axis=0).shape[0] > 1000
+
+
+def test_depth_is_offered_of_cameras_that_were_stated(visit: Callable[..., Page], tmp_path: Path) -> None:
+    left, right, _, calibration = written(tmp_path, "town", small(5))
+    for stated, links in (((), 5), (("--calibration", calibration), 6)):
+        with served(left, right, *stated) as address:
+            page = visit(address)
+            wait_for_result(page)
+            expect(page.locator("#downloads a")).to_have_count(links)
+            expect(page.locator("#downloads").get_by_role("link", name="Depth")).to_have_count(links - 5)
 
 
 def test_a_pair_opens(visit: Callable[..., Page], pair: Served) -> None:

@@ -324,6 +324,7 @@ def _add_results(app: FastAPI, session: Session) -> None:
         "disparity.png": "image/png",
         "disparity.pfm": "application/octet-stream",
         "preview.png": "image/png",
+        "depth.png": "image/png",
         "points.ply": "application/octet-stream",
         "settings.toml": "text/plain; charset=utf-8",
     }
@@ -336,7 +337,9 @@ def _add_results(app: FastAPI, session: Session) -> None:
     )
     async def download(
         key: Key,
-        name: Literal["disparity.png", "disparity.pfm", "preview.png", "points.ply", "settings.toml"],
+        name: Literal[
+            "disparity.png", "disparity.pfm", "preview.png", "depth.png", "points.ply", "settings.toml"
+        ],
     ) -> Response:
         """A result as a file."""
         data = await session.download(key, name)

@@ -3,12 +3,15 @@
 import { el } from "./dom.js";
 
 const FILES = [
-  ["preview.png", "Picture, PNG"], ["disparity.png", "16-bit PNG"], ["disparity.pfm", "PFM"], ["points.ply", "Points, PLY"], ["settings.toml", "Settings, TOML"],
+  ["preview.png", "Picture, PNG"], ["disparity.png", "16-bit PNG"], ["disparity.pfm", "PFM"], ["depth.png", "Depth, PNG"], ["points.ply", "Points, PLY"],
+  ["settings.toml", "Settings, TOML"],
 ];
 
-export function downloadLinks(result, saveView) {
+/** `measured`: whether the cameras were stated, without which depth is a guess. */
+export function downloadLinks(result, measured, saveView) {
   const at = `/api/results/${encodeURIComponent(result.result)}/download`;
-  const links = FILES.map(([file, title]) => el("a", { className: "button", href: `${at}/${file}`, download: file }, title));
+  const files = FILES.filter(([file]) => measured || file !== "depth.png");
+  const links = files.map(([file, title]) => el("a", { className: "button", href: `${at}/${file}`, download: file }, title));
   return [el("button", { type: "button", onclick: saveView }, "This view, PNG"), ...links];
 }
 

@@ -306,7 +306,8 @@ async function start() {
       $("scores").replaceChildren(scoreTable(result.scores));
       const times = stageBars(result.stages ?? {}, result.seconds);
       $("stages").replaceChildren(times);
-      $("downloads").replaceChildren(...downloadLinks(result, () => saveCanvas(stage.snapshot(), `${session.scene.name}-${stage.layers.join("-")}.png`)));
+      $("downloads").replaceChildren(...downloadLinks(result, session.scene.calibration.stated,
+        () => saveCanvas(stage.snapshot(), `${session.scene.name}-${stage.layers.join("-")}.png`)));
       const open = [...$("repeat").querySelectorAll("details")].map((box) => box.open);
       const boxes = repeats(result);
       boxes.forEach((box, i) => (box.open = open[i] ?? box.open));

@@ -44,6 +44,16 @@ def test_depth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "points.ply").read_bytes().startswith(b"ply")
 
 
+def test_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    nearest = run("frames", tmp_path, count=2, **SMALL)
+    assert len(nearest) == 2
+    assert min(nearest) > 0
+    assert "frame 1" in capsys.readouterr().out
+    stored = st.read_image(tmp_path / "0001-depth.png")
+    assert stored.dtype == np.uint16
+    assert stored[stored > 0].min() == pytest.approx(1000 * nearest[1], abs=0.51)
+
+
 def test_compare_costs(capsys: pytest.CaptureFixture[str]) -> None:
     within = run("compare_costs", windows=(7, 15), **SMALL)
     assert set(within) == {(cost, size) for cost in ("SAD", "SSD", "ZSSD", "NCC", "ZNCC") for size in (7, 15)}

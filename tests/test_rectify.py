@@ -12,7 +12,7 @@ import stereopsis as st
 from reference import rectify as reference
 from stereopsis import Settings, _core, _instructions, datasets, rectify
 from stereopsis.rectify import Sights
-from stereopsis.types import Disparities, Frame, Vertical
+from stereopsis.types import Disparities, Frame, Rectangle, Vertical
 
 SEEDS = some.integers(0, 2**32 - 1)
 DATA = Path(os.environ.get("STEREOPSIS_DATA") or Path(__file__).parents[2] / "shared" / "data")
@@ -243,6 +243,8 @@ def test_one_corner_says_little_about_the_rest():
         Vertical(0.0, 400 * np.tan(np.radians(0.2)), 0.0),  # a roll of 0.2 degrees
         Vertical(1.8, 0.4, 0.0),
         Vertical(0.2, 0.0, 0.3, 0.9),
+        Vertical(4.6, 0.3, 0.0),
+        Vertical(-9.7, -0.4, 0.3, 0.5),
     ],
 )
 def test_a_known_field_is_found_to_a_tenth_of_a_pixel(vertical, dtype):
@@ -250,6 +252,39 @@ def test_a_known_field_is_found_to_a_tenth_of_a_pixel(vertical, dtype):
     seen = found(left, right)
     shape = left.shape
     np.testing.assert_allclose(rectify.field(seen, shape), rectify.field(vertical, shape), atol=0.1)
+
+
+@pytest.mark.parametrize("rows", [-14, -5, 3, 9, 17])
+def test_rows_that_lie_far_off(rows):
+    """As well as those that hardly do; and what they leave nothing to match with says so."""
+    scene = st.scenes.street(880, 300, seed=2)
+    chosen = st.PRESETS["balanced"].changed(disparities=(0, 96))
+    near = st.match(scene.left, scene.right, settings=chosen)
+    away = rectify.moved_up(scene.right, -rows)
+    far = st.match(scene.left, away, settings=chosen)
+    assert far.settings.vertical.offset == pytest.approx(near.settings.vertical.offset + rows, abs=0.1)
+    gone = np.zeros(scene.disparity.shape, bool)
+    gone[-(rows - 2) :] = rows > 2
+    gone[: -(rows + 2)] |= rows < -2
+    unseen = (far.flags & st.Flag.OUT_OF_VIEW) != 0
+    assert unseen[gone].all()
+    assert not unseen[60:-60, 100:].any()
+    seen = np.s_[20:-20]
+    own, others = (st.evaluate(found.disparity[seen], scene.disparity[seen]).all.d1 for found in (far, near))
+    assert own < others + 0.01
+
+
+def test_what_lies_beyond_the_right_image():
+    level = Vertical(2.5, 0.0, 0.0)
+    beyond = rectify.out_of_view(level, (9, 4), Rectangle(0, 9, 0, 4))
+    np.testing.assert_array_equal(beyond.all(axis=1), [False] * 8 + [True])
+    assert rectify.out_of_view(Vertical(2.0, 0.0, 0.0), (9, 4), Rectangle(0, 9, 0, 4)) is None
+    steep = Vertical(-4.0, 3.0, 2.0, -1.0)
+    whole = rectify.out_of_view(steep, (40, 30), Rectangle(0, 40, 0, 30))
+    y = np.arange(40)[:, None] + rectify.field(steep, (40, 30))
+    np.testing.assert_array_equal(whole, (y < -2) | (y > 41))
+    part = Rectangle(1, 7, 2, 29)
+    np.testing.assert_array_equal(rectify.out_of_view(steep, (40, 30), part), whole[part.slices])
 
 
 def test_a_turned_camera():

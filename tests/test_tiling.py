@@ -262,13 +262,14 @@ def test_a_preset_in_tiles_is_the_preset():
     assert (disparity.view(np.uint32) == whole.disparity.view(np.uint32)).all()
 
 
+@pytest.mark.parametrize("offset", [0.7, 7.3])
 @pytest.mark.parametrize(
     ("dtype", "small"), [("uint8", 2**23), ("uint8", 30000), ("uint16", 4000), ("float32", 30000)]
 )
-def test_rows_are_found_as_in_the_whole_image(monkeypatch, dtype, small):
+def test_rows_are_found_as_in_the_whole_image(monkeypatch, dtype, small, offset):
     """However few of the pyramid's levels are held."""
     scene = st.scenes.street(860, 200, seed=1, gray=True)
-    moved = rectify.undone(scene.right[..., None], Vertical(-0.7, 0.2, -0.3))[..., 0]
+    moved = rectify.undone(scene.right[..., None], Vertical(-offset, 0.2, -0.3))[..., 0]
     left, right = ((image * np.float64(17)).astype(dtype) if dtype != "uint8" else image
                    for image in (scene.left, moved))  # fmt: skip
     monkeypatch.setattr(survey, "SMALL", small)
@@ -277,7 +278,7 @@ def test_rows_are_found_as_in_the_whole_image(monkeypatch, dtype, small):
         Array(left), Array(right), Settings(disparities=(0, 100), vertical="estimate"), band=860 * 40
     )
     assert known.settings.vertical == pytest.approx(wanted, abs=2e-4)
-    assert wanted.offset == pytest.approx(0.7, abs=0.1)
+    assert wanted.offset == pytest.approx(offset, abs=0.1)
 
 
 @given(

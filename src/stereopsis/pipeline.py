@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final, TypeAlias, cast
 
@@ -370,6 +370,14 @@ def _match(
                 of_right = name == "right_disparity"
                 hidden = blank.hidden(stages[name], borders, place, of_right, chosen.threads)
                 stages[name][hidden] = np.nan
+
+    if isinstance(chosen.vertical, Vertical):
+        whole_shape = disparity.shape if frame is None else frame.shape
+        above = rectify.out_of_view(chosen.vertical, whole_shape, _place(frame, disparity.shape))
+        if above is not None:
+            _refuse(above, Flag.OUT_OF_VIEW, disparity, confidence, flags)
+            if "winners" in stages:
+                stages["winners"][above] = np.nan
 
     if "vertical" in chosen.keep:
         lies = chosen.vertical if isinstance(chosen.vertical, Vertical) else Vertical(0.0)
@@ -1234,12 +1242,13 @@ def estimate_vertical(
 
     Points with texture in both directions are followed from the left image into the right one, in columns and
     rows, from where a map of shrunken images (ZNCC 15 x 7, with its checks) has them; a field of four terms
-    is fitted to the rows that they moved.
+    is fitted to the rows that they moved. Where most are lost on the way, or the field leads far, they are
+    followed once more from other rows.
 
     Parameters
     ----------
     left, right : ndarray, (H, W) or (H, W, 3)
-        A pair that is rectified but for up to 4 rows.
+        A pair that is rectified but for some 16 rows; more in images of more than 3200 columns.
     disparities : (int, int)
         Candidates ``min, ..., max - 1`` in pixels.
     threads : int
@@ -1270,22 +1279,79 @@ def _vertical(pixels: cost.Pixels, disparities: Disparities, threads: int) -> Ve
     width = pixels.left.shape[1]
     count = rectify.levels(width)
     mine, other = (rectify.pyramid(rectify.eight_bit(image[..., 0]), count, threads) for image in pixels[:2])
-    first = coarse_map(mine[-1], other[-1], disparities, width, threads)
-    if first is None:
-        return Vertical(0.0)
-    return rectify.fit(rectify.sights(mine, other, first, threads), pixels.left.shape)
+    points = rectify.corners(mine[0], rectify.tile_of(mine[0].size), threads)
+
+    def follow(first: rectify.FirstMap) -> rectify.Sights:
+        return rectify.sights(mine, other, points, first, threads)
+
+    return vertical_of(mine[-1], other[-1], disparities, pixels.left.shape, follow, threads)
 
 
-def coarse_map(
-    left: rectify.Bytes, right: rectify.Bytes, disparities: Disparities, width: int, threads: int = 0
-) -> DisparityMap | None:
-    """A map of images of so many columns that were halved as `estimate_vertical` does; None if too small."""
-    seen, levels = _in_view(disparities, width, 1), rectify.levels(width)
+def vertical_of(
+    left: rectify.Bytes,
+    right: rectify.Bytes,
+    disparities: Disparities,
+    shape: tuple[int, ...],
+    follow: Callable[[rectify.FirstMap], rectify.Sights],
+    threads: int = 0,
+) -> Vertical:
+    """The field of images of that shape.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8
+        Both, halved `rectify.levels` times.
+    disparities : Disparities
+        Of the whole images.
+    shape : (H, W, ...)
+    follow : callable
+        Follows points from a map of the halved images to the whole ones.
+    threads : int
+    """
+    levels = rectify.levels(shape[1])
+    seen = _in_view(disparities, shape[1], 1)
     if seen is None or min(left.shape) < 8:
-        return None
+        return Vertical(0.0)
     # A field needs no points at the very end of the range, and a candidate more may take another vector.
     nearly = Disparities(seen.min, max(seen.min + 1, seen.max - 2**levels))
-    return _halved_map(left, right, nearly, levels, None, threads)
+
+    def coarse(rows: int) -> DisparityMap | None:
+        moved = rectify.moved_up(right, rows) if rows else right
+        return _halved_map(left, moved, nearly, levels, None, threads)
+
+    beside = coarse(0)
+    if beside is None:
+        return Vertical(0.0)
+    start, found = 0.0, follow(rectify.FirstMap(beside))
+    most = max(rectify.FAR >> levels, rectify.FAR_SMALL)
+    other_rows = _other_rows(beside, coarse, most) if found.lost else 0
+    aim = float(other_rows * 2**levels) if other_rows else rectify.fit(found, shape).offset
+    for _ in range(rectify.ROUNDS):
+        if abs(aim - start) <= rectify.NEAR:
+            break
+        rows = aim / 2**levels
+        disparity = coarse(round(rows))
+        assert disparity is not None
+        again = follow(rectify.FirstMap(disparity, rows))
+        if len(again.rows) <= len(found.rows):
+            break
+        start, found = aim, again
+        aim = rectify.fit(found, shape).offset
+    return rectify.fit(found, shape)
+
+
+def _other_rows(beside: DisparityMap, coarse: Callable[[int], DisparityMap | None], most: int) -> int:
+    """By how many rows, at most, the right image has to be moved for most pixels to be answered."""
+    answers = {0: np.count_nonzero(np.isfinite(beside))}
+    for far in range(1, most + 1):
+        for rows in (-far, far):
+            found = coarse(rows)
+            assert found is not None
+            answers[rows] = np.count_nonzero(np.isfinite(found))
+        if far == 1 and max(answers[-1], answers[1]) < rectify.PEAK * answers[0]:
+            break
+    best = max(answers, key=answers.__getitem__)  # of equals the nearest
+    return best if answers[best] > rectify.MORE * answers[0] else 0
 
 
 def shrunk(image: Image, factor: int) -> Image:

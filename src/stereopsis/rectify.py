@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from stereopsis import _core, _instructions
 from stereopsis._numbers import quantile
-from stereopsis.types import Disparities, DisparityMap, Frame, Halo, Vertical
+from stereopsis.types import Disparities, DisparityMap, Frame, Halo, Rectangle, Vertical
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -44,6 +44,23 @@ ITERATIONS = 3
 LEAST_CORRELATION = 0.9
 MOST_ROWS, MOST_COLUMNS = 4.0, 3.0
 """How far a point may lie off its row, and off what the disparity map says, to be believed."""
+FOLLOWED = 0.4
+"""Where fewer of the points are believed, they may lie on other rows altogether."""
+FAR, FAR_SMALL = 16, 4
+"""So many up and down are looked at, and at least so many of the smallest images',"""
+PEAK = 0.97
+"""if the rows next to the first answer so nearly as many pixels as it does;"""
+MORE = 1.05
+"""and those that answer so many times as many are taken."""
+NEAR = 0.5
+"""Pixels from where they start that points are followed without loss. What lies farther is followed again,"""
+ROUNDS = 3
+"""so often at most."""
+
+CUBIC = 4
+"""Rows around that cubic convolution may look at, and one for what is rounded."""
+BEYOND = 2.0
+"""Rows beyond the right image's first or last one that are no match: nearer, windows see enough of it."""
 
 FEWEST = 40
 """Points that a field needs."""
@@ -66,11 +83,34 @@ class Sights(NamedTuple):
         Column of the right image and row of the left one, in pixels.
     rows : ndarray of float64
         Pixels that the point lies lower in the right image.
+    followed : int
+        Points that were followed, of which these are believed.
     """
 
     x: Floats
     y: Floats
     rows: Floats
+    followed: int = 0
+
+    @property
+    def lost(self) -> bool:
+        """Whether so few are believed that the others may lie on other rows."""
+        return len(self.rows) < FOLLOWED * self.followed
+
+
+class FirstMap(NamedTuple):
+    """What points are followed from.
+
+    Attributes
+    ----------
+    disparity : ndarray of float32
+        A map of the last level, in its own pixels; NaN where not reliable.
+    rows : float
+        How far below the left image's rows those of the right one are looked for, in rows of the last level.
+    """
+
+    disparity: DisparityMap
+    rows: float = 0
 
 
 def levels(width: int) -> int:
@@ -114,20 +154,32 @@ def pyramid(image: Bytes, count: int, threads: int = 0) -> list[Bytes]:
     return found
 
 
-def sights(left: list[Bytes], right: list[Bytes], disparity: DisparityMap, threads: int = 0) -> Sights:
+def moved_up(image: Bytes, rows: int) -> Bytes:
+    """The image, so many rows higher; its first or last row is repeated."""
+    last = len(image) - 1
+    return np.ascontiguousarray(image[np.clip(np.arange(last + 1) + rows, 0, last)])
+
+
+def sights(
+    left: list[Bytes],
+    right: list[Bytes],
+    points: npt.NDArray[np.int32],
+    first: FirstMap,
+    threads: int = 0,
+) -> Sights:
     """Points with texture in both directions, and where the right image shows them.
 
-    In each tile of the left image that window whose gradients are strongest in their weakest direction [1]_
-    is followed from the last level but one down by the iterations of Lucas and Kanade [2]_, in columns and
-    rows at once, starting at the disparity of a map of the last level and on the same row. Each window's mean
-    and gain are removed.
+    They are followed from the last level but one down by the iterations of Lucas and Kanade [1]_, in columns
+    and rows at once, starting at the disparity and the row of a map of the last level. Each window's mean and
+    gain are removed.
 
     Parameters
     ----------
     left, right : list of ndarray of uint8, (H, W)
         Pyramids, as `pyramid` gives them.
-    disparity : ndarray of float32
-        A map of the last level, in its own pixels; NaN where not reliable.
+    points : ndarray of int32, (N, 2)
+        `corners` of the left image.
+    first : FirstMap
     threads : int
         0: all cores.
 
@@ -138,33 +190,25 @@ def sights(left: list[Bytes], right: list[Bytes], disparity: DisparityMap, threa
 
     References
     ----------
-    .. [1] J. Shi, C. Tomasi, Good features to track, CVPR 1994, doi:10.1109/CVPR.1994.323794.
-    .. [2] J.-Y. Bouguet, Pyramidal implementation of the affine Lucas Kanade feature tracker, Intel, 2001.
+    .. [1] J.-Y. Bouguet, Pyramidal implementation of the affine Lucas Kanade feature tracker, Intel, 2001.
     """
     last = len(left) - 1
-    points, start = known(corners(left[0], tile_of(left[0].size), threads), disparity, last)
-    motion, correlation = first_motion(start), np.empty(len(points))
+    points, start = known(points, first, last)
+    motion, correlation = start.copy(), np.empty(len(points))
     follow(left[:-1], right[:-1], points, motion, correlation, threads)
     return believed(points, motion, correlation, start, last)
 
 
-def known(
-    points: npt.NDArray[np.int32], disparity: DisparityMap, last: int
-) -> tuple[npt.NDArray[np.int32], Floats]:
-    """Those points that a map of images halved `last` times answers, and its answers."""
-    at = _inside(points >> last, disparity.shape)
-    start: Floats = disparity[at[:, 1], at[:, 0]].astype(np.float64)
-    answered = np.isfinite(start)
-    return np.ascontiguousarray(points[answered]), start[answered]
-
-
-def first_motion(start: Floats) -> Floats:
-    """Columns and rows, (N, 2), by which points move where a map of the last level answers that, in pixels of
-    the level before it.
+def known(points: npt.NDArray[np.int32], first: FirstMap, last: int) -> tuple[npt.NDArray[np.int32], Floats]:
+    """Those points that a map of images halved `last` times answers, and columns and rows, (N, 2), by which
+    they move as it has it, in pixels of the level before that.
     """
-    motion = np.zeros((len(start), 2))
-    np.multiply(start, -2, out=motion[:, 0])
-    return motion
+    at = _inside(points >> last, first.disparity.shape)
+    disparity = first.disparity[at[:, 1], at[:, 0]].astype(np.float64)
+    answered = np.isfinite(disparity)
+    start = np.full((np.count_nonzero(answered), 2), 2.0 * first.rows)
+    start[:, 0] = -2 * disparity[answered]
+    return np.ascontiguousarray(points[answered]), start
 
 
 def follow(
@@ -200,13 +244,12 @@ def believed(
     points: npt.NDArray[np.int32], motion: Floats, correlation: Floats, start: Floats, last: int
 ) -> Sights:
     """Of the points that were followed those that were followed well, and not far."""
-    moved = motion[:, 0] + start * 2**last
+    moved = motion - start * 2 ** (last - 1)
     with np.errstate(invalid="ignore"):
-        good = (correlation >= LEAST_CORRELATION) & (np.abs(motion[:, 1]) <= MOST_ROWS)
-        good &= np.abs(moved) <= MOST_COLUMNS * 2 ** (last - 1)
-    return Sights(
-        points[good, 0] + motion[good, 0], points[good, 1].astype(np.float64), motion[good, 1].copy()
-    )
+        good = (correlation >= LEAST_CORRELATION) & (np.abs(moved[:, 1]) <= MOST_ROWS)
+        good &= np.abs(moved[:, 0]) <= MOST_COLUMNS * 2 ** (last - 1)
+    column, row = points[good, 0] + motion[good, 0], points[good, 1].astype(np.float64)
+    return Sights(column, row, motion[good, 1].copy(), len(points))
 
 
 def tile_of(size: int) -> int:
@@ -215,7 +258,14 @@ def tile_of(size: int) -> int:
 
 
 def corners(image: Bytes, tile: int, threads: int = 0) -> npt.NDArray[np.int32]:
-    """Columns and rows, (N, 2), of at most one point in each square of `tile` pixels."""
+    """Columns and rows, (N, 2), of at most one point in each square of `tile` pixels.
+
+    It is the middle of that window whose gradients are strongest in their weakest direction [1]_.
+
+    References
+    ----------
+    .. [1] J. Shi, C. Tomasi, Good features to track, CVPR 1994, doi:10.1109/CVPR.1994.323794.
+    """
     stride = max(STRIDE, tile // 3)
     found = np.empty((image.shape[0] // tile, image.shape[1] // tile, 2), np.int32)
     pixels = (2 * REACH[0] + 1) * (2 * REACH[1] + 1)
@@ -276,9 +326,14 @@ def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:
 
 def halo(vertical: Vertical) -> Halo:
     """What `undone` depends on: the rows that it moves by, and a cubic's."""
-    slopes = abs(vertical.across) + abs(vertical.down) + 0.5 * abs(vertical.keystone)
-    rows = int(abs(vertical.offset) + 0.5 * slopes) + 4
+    rows = int(_most(vertical)) + CUBIC
     return Halo(up=rows, down=rows)
+
+
+def _most(vertical: Vertical) -> float:
+    """Rows that no pixel lies farther off than."""
+    slopes = abs(vertical.across) + abs(vertical.down) + 0.5 * abs(vertical.keystone)
+    return abs(vertical.offset) + 0.5 * slopes
 
 
 def undone(
@@ -320,10 +375,28 @@ def undone(
 
 def field(vertical: Vertical, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
     """Rows that each pixel of the right image lies too low, (H, W)."""
+    return _field(vertical, shape, Rectangle(0, shape[0], 0, shape[1])).astype(np.float32)
+
+
+def out_of_view(vertical: Vertical, shape: tuple[int, int], part: Rectangle) -> npt.NDArray[np.bool_] | None:
+    """Where a part of an image of that shape meets rows more than `BEYOND` above or below the right image.
+
+    Returns
+    -------
+    ndarray of bool, or None
+        None where the field is too small for any.
+    """
+    if _most(vertical) <= BEYOND:
+        return None
+    rows = np.arange(part.top, part.bottom)[:, None] + _field(vertical, shape, part)
+    return (rows < -BEYOND) | (rows > shape[0] - 1 + BEYOND)
+
+
+def _field(vertical: Vertical, shape: tuple[int, ...], part: Rectangle) -> Floats:
     a, b, c, twist = _plane(vertical, shape)
-    x, y = np.arange(shape[1]), np.arange(shape[0])[:, None]
-    values = (a + twist * y) * x + (b * y + c)
-    return values.astype(np.float32)
+    x, y = np.arange(part.left, part.right), np.arange(part.top, part.bottom)[:, None]
+    values: Floats = (a + twist * y) * x + (b * y + c)
+    return values
 
 
 def unbow(

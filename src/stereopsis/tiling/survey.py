@@ -334,18 +334,19 @@ def _vertical(whole: _Pair, disparities: Disparities) -> Vertical:
     ends = _ends(whole)
     levels = _levels(whole, held, last, ends)
     threads = whole.settings.threads
-    first = pipeline.coarse_map(levels.left[-1], levels.right[-1], disparities, width, threads)
-    if first is None:
-        return Vertical(0.0)
-    points = _corners(whole, ends[0])
-    points, start = rectify.known(points, first, last)
-    motion, correlation = rectify.first_motion(start), np.empty(len(points))
-    if held < last:
-        rectify.follow(levels.left[:-1], levels.right[:-1], points >> held, motion, correlation, threads)
-        motion *= 2 if held else 1
-    if held:
-        _follow_finer(whole, held, ends, points, motion, correlation)
-    return rectify.fit(rectify.believed(points, motion, correlation, start, last), whole.shape)
+    corners = _corners(whole, ends[0])
+
+    def follow(first: rectify.FirstMap) -> rectify.Sights:
+        points, start = rectify.known(corners, first, last)
+        motion, correlation = start.copy(), np.empty(len(points))
+        if held < last:
+            rectify.follow(levels.left[:-1], levels.right[:-1], points >> held, motion, correlation, threads)
+            motion *= 2 if held else 1
+        if held:
+            _follow_finer(whole, held, ends, points, motion, correlation)
+        return rectify.believed(points, motion, correlation, start, last)
+
+    return pipeline.vertical_of(levels.left[-1], levels.right[-1], disparities, whole.shape, follow, threads)
 
 
 def _ends(whole: _Pair) -> list[tuple[float, float] | None]:

@@ -1315,28 +1315,31 @@ def vertical_of(
     # A field needs no points at the very end of the range, and a candidate more may take another vector.
     nearly = Disparities(seen.min, max(seen.min + 1, seen.max - 2**levels))
 
-    def coarse(rows: int) -> DisparityMap | None:
-        moved = rectify.moved_up(right, rows) if rows else right
+    def coarse(field: Vertical) -> DisparityMap | None:
+        small = Vertical(*(term / 2**levels for term in field))
+        moved = rectify.undone(right[..., None], small, threads)[..., 0] if any(field) else right
         return _halved_map(left, moved, nearly, levels, None, threads)
 
-    beside = coarse(0)
+    start = Vertical(0.0)
+    beside = coarse(start)
     if beside is None:
-        return Vertical(0.0)
-    start, found = 0.0, follow(rectify.FirstMap(beside))
-    most = max(rectify.FAR >> levels, rectify.FAR_SMALL)
-    other_rows = _other_rows(beside, coarse, most) if found.lost else 0
-    aim = float(other_rows * 2**levels) if other_rows else rectify.fit(found, shape).offset
+        return start
+    found = follow(rectify.FirstMap(beside))
+    rows = 0
+    if found.lost:
+        most = max(rectify.FAR >> levels, rectify.FAR_SMALL)
+        rows = _other_rows(beside, lambda rows: coarse(Vertical(float(rows * 2**levels))), most)
+    aim = Vertical(float(rows * 2**levels)) if rows else rectify.fit(found, shape)
     for _ in range(rectify.ROUNDS):
-        if abs(aim - start) <= rectify.NEAR:
+        if not rectify.far_from(aim, start):
             break
-        rows = aim / 2**levels
-        disparity = coarse(round(rows))
-        assert disparity is not None
-        again = follow(rectify.FirstMap(disparity, rows))
+        nearer = coarse(aim)
+        assert nearer is not None
+        again = follow(rectify.FirstMap(nearer, aim))
         if len(again.rows) <= len(found.rows):
             break
         start, found = aim, again
-        aim = rectify.fit(found, shape).offset
+        aim = rectify.fit(found, shape)
     return rectify.fit(found, shape)
 
 

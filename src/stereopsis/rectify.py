@@ -52,8 +52,8 @@ PEAK = 0.97
 """if the rows next to the first answer so nearly as many pixels as it does;"""
 MORE = 1.05
 """and those that answer so many times as many are taken."""
-NEAR = 0.5
-"""Pixels from where they start that points are followed without loss. What lies farther is followed again,"""
+NEAR, NEAR_SLOPES = 0.5, 2.0
+"""Offset and slopes, in pixels, with which points are followed without loss. With more they are once more,"""
 ROUNDS = 3
 """so often at most."""
 
@@ -105,12 +105,12 @@ class FirstMap(NamedTuple):
     ----------
     disparity : ndarray of float32
         A map of the last level, in its own pixels; NaN where not reliable.
-    rows : float
-        How far below the left image's rows those of the right one are looked for, in rows of the last level.
+    field : Vertical
+        What was undone for it, in pixels of the whole images; points are looked for there.
     """
 
     disparity: DisparityMap
-    rows: float = 0
+    field: Vertical = Vertical(0.0)
 
 
 def levels(width: int) -> int:
@@ -154,12 +154,6 @@ def pyramid(image: Bytes, count: int, threads: int = 0) -> list[Bytes]:
     return found
 
 
-def moved_up(image: Bytes, rows: int) -> Bytes:
-    """The image, so many rows higher; its first or last row is repeated."""
-    last = len(image) - 1
-    return np.ascontiguousarray(image[np.clip(np.arange(last + 1) + rows, 0, last)])
-
-
 def sights(
     left: list[Bytes],
     right: list[Bytes],
@@ -193,22 +187,28 @@ def sights(
     .. [1] J.-Y. Bouguet, Pyramidal implementation of the affine Lucas Kanade feature tracker, Intel, 2001.
     """
     last = len(left) - 1
-    points, start = known(points, first, last)
+    points, start = known(points, first, last, left[0].shape)
     motion, correlation = start.copy(), np.empty(len(points))
     follow(left[:-1], right[:-1], points, motion, correlation, threads)
     return believed(points, motion, correlation, start, last)
 
 
-def known(points: npt.NDArray[np.int32], first: FirstMap, last: int) -> tuple[npt.NDArray[np.int32], Floats]:
+def known(
+    points: npt.NDArray[np.int32], first: FirstMap, last: int, shape: tuple[int, ...]
+) -> tuple[npt.NDArray[np.int32], Floats]:
     """Those points that a map of images halved `last` times answers, and columns and rows, (N, 2), by which
-    they move as it has it, in pixels of the level before that.
+    they move as it has it, in pixels of the level before that. The whole images are of that shape.
     """
     at = _inside(points >> last, first.disparity.shape)
     disparity = first.disparity[at[:, 1], at[:, 0]].astype(np.float64)
     answered = np.isfinite(disparity)
-    start = np.full((np.count_nonzero(answered), 2), 2.0 * first.rows)
+    points = np.ascontiguousarray(points[answered])
+    start = np.empty((len(points), 2))
     start[:, 0] = -2 * disparity[answered]
-    return np.ascontiguousarray(points[answered]), start
+    a, b, c, twist = _plane(first.field, shape)
+    x, y = points[:, 0] + start[:, 0] * 2 ** (last - 1), points[:, 1]
+    start[:, 1] = ((a + twist * y) * x + (b * y + c)) / 2 ** (last - 1)
+    return points, start
 
 
 def follow(
@@ -280,6 +280,12 @@ def _inside(points: npt.NDArray[np.int32], shape: tuple[int, ...]) -> npt.NDArra
     most = np.array([shape[1] - 1, shape[0] - 1], np.int32)
     inside: npt.NDArray[np.int32] = np.minimum(points, most)
     return inside
+
+
+def far_from(field: Vertical, other: Vertical) -> bool:
+    """Whether points that start where one field has them may get lost on the way to where the other does."""
+    offset, across, down = (abs(mine - its) for mine, its in zip(field[:3], other[:3], strict=True))
+    return offset > NEAR or max(across, down) > NEAR_SLOPES
 
 
 def fit(seen: Sights, shape: tuple[int, ...]) -> Vertical:

@@ -337,7 +337,7 @@ def _vertical(whole: _Pair, disparities: Disparities) -> Vertical:
     corners = _corners(whole, ends[0])
 
     def follow(first: rectify.FirstMap) -> rectify.Sights:
-        points, start = rectify.known(corners, first, last)
+        points, start = rectify.known(corners, first, last, whole.shape)
         motion, correlation = start.copy(), np.empty(len(points))
         if held < last:
             rectify.follow(levels.left[:-1], levels.right[:-1], points >> held, motion, correlation, threads)

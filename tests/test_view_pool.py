@@ -86,7 +86,8 @@ def test_a_job_is_stopped_and_the_next_is_done(
     pool: Pool, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slowness = busy()
-    monkeypatch.setattr(view_pool, "GRACE", view_pool.GRACE * slowness)
+    if kind == "core":  # it is timed by its own clock: on a busy machine it may look up late
+        monkeypatch.setattr(view_pool, "GRACE", 20.0)
     pool.submit(Job("nothing", ())).future.result(30)
     (process,) = _children()
     job = pool.submit(LONG[kind]())
@@ -95,16 +96,18 @@ def test_a_job_is_stopped_and_the_next_is_done(
     while _used(process) < before + 0.3:  # it computes
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    start = time.monotonic()
+    start, worked = time.monotonic(), _used(process)
     pool.stop(job, "because")
     with pytest.raises(ReplacedError, match="because"):
         job.future.result(0)
     # The next is not begun before the first has really ended.
     pool.submit(_matching(_scene(), disparities=(0, 16))).future.result(30)
-    # And a process may have to start.
-    assert time.monotonic() - start < (STOPS_WITHIN + SLACK + 1) * slowness
     if kind == "core":
-        assert _children() == [process], "the core looks up in time: its process need not be ended"
+        assert _children() == [process], "the core looks up: its process need not be ended"
+        assert _used(process) - worked < (STOPS_WITHIN + SLACK) * (os.cpu_count() or 1)
+    else:  # a process has to start
+        took = time.monotonic() - start
+        assert took < (STOPS_WITHIN + SLACK + 1) * max(slowness, busy())
 
 
 def test_what_does_not_look_up_is_ended(pool: Pool, tmp_path: Path) -> None:

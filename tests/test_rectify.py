@@ -277,16 +277,22 @@ def test_rows_that_lie_far_off(rows):
 
 
 def test_what_lies_beyond_the_right_image():
-    level = Vertical(2.5, 0.0, 0.0)
-    beyond = rectify.out_of_view(level, (9, 4), Rectangle(0, 9, 0, 4))
-    np.testing.assert_array_equal(beyond.all(axis=1), [False] * 8 + [True])
-    assert rectify.out_of_view(Vertical(2.0, 0.0, 0.0), (9, 4), Rectangle(0, 9, 0, 4)) is None
-    steep = Vertical(-4.0, 3.0, 2.0, -1.0)
-    whole = rectify.out_of_view(steep, (40, 30), Rectangle(0, 40, 0, 30))
-    y = np.arange(40)[:, None] + rectify.field(steep, (40, 30))
-    np.testing.assert_array_equal(whole, (y < -2) | (y > 41))
-    part = Rectangle(1, 7, 2, 29)
-    np.testing.assert_array_equal(rectify.out_of_view(steep, (40, 30), part), whole[part.slices])
+    def mask(vertical, shape, part):
+        found = np.zeros((part.bottom - part.top, part.right - part.left), bool)
+        for rows, beyond in rectify.out_of_view(vertical, shape, part):
+            found[rows] = beyond
+        return found
+
+    rows = mask(Vertical(2.5, 0.0, 0.0), (9, 4), Rectangle(0, 9, 0, 4))
+    np.testing.assert_array_equal(rows.all(axis=1), [False] * 8 + [True])
+    assert not list(rectify.out_of_view(Vertical(2.0, 0.0, 0.0), (9, 4), Rectangle(0, 9, 0, 4)))
+    assert mask(Vertical(-99.0), (9, 4), Rectangle(0, 9, 0, 4)).all()
+    for steep in (Vertical(-4.0, 3.0, 2.0, -1.0), Vertical(6.0, 3.0, -2.0, 9.0)):
+        whole = mask(steep, (40, 30), Rectangle(0, 40, 0, 30))
+        y = np.arange(40)[:, None] + rectify.field(steep, (40, 30))
+        np.testing.assert_array_equal(whole, (y < -2) | (y > 41))
+        for part in (Rectangle(1, 7, 2, 29), Rectangle(12, 40, 0, 5), Rectangle(15, 16, 3, 4)):
+            np.testing.assert_array_equal(mask(steep, (40, 30), part), whole[part.slices])
 
 
 def test_a_turned_camera():

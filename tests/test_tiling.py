@@ -262,6 +262,15 @@ def test_a_preset_in_tiles_is_the_preset():
     assert (disparity.view(np.uint32) == whole.disparity.view(np.uint32)).all()
 
 
+def test_rows_beyond_the_right_image_are_the_whole_image_s():
+    left, right = a_pair((90, 131), "uint8", 4)
+    for offset in (9.0, -9.0):
+        chosen = Settings(disparities=(-4, 14), cost=st.ZNCC((6, 5)), left_right=1.0, vertical=offset)
+        assert_same_bits(left, right, chosen, (31, 37))
+        flags = st.match(left, right, settings=chosen).flags
+        assert (flags[-7:] if offset > 0 else flags[:7]).all()
+
+
 @pytest.mark.parametrize("offset", [0.7, 7.3])
 @pytest.mark.parametrize(
     ("dtype", "small"), [("uint8", 2**23), ("uint8", 30000), ("uint16", 4000), ("float32", 30000)]

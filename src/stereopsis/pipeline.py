@@ -373,11 +373,11 @@ def _match(
 
     if isinstance(chosen.vertical, Vertical):
         whole_shape = disparity.shape if frame is None else frame.shape
-        above = rectify.out_of_view(chosen.vertical, whole_shape, _place(frame, disparity.shape))
-        if above is not None:
-            _refuse(above, Flag.OUT_OF_VIEW, disparity, confidence, flags)
-            if "winners" in stages:
-                stages["winners"][above] = np.nan
+        place = _place(frame, disparity.shape)
+        for rows, beyond in rectify.out_of_view(chosen.vertical, whole_shape, place):
+            _refuse(beyond, Flag.OUT_OF_VIEW, disparity[rows], confidence[rows], flags[rows])
+            for name in stages.keys() & {"winners", "right_disparity"}:
+                stages[name][rows][beyond] = np.nan
 
     if "vertical" in chosen.keep:
         lies = chosen.vertical if isinstance(chosen.vertical, Vertical) else Vertical(0.0)

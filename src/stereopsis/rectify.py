@@ -16,6 +16,8 @@ the image by :math:`v_{xy} s^2 (W - 1) / (H - 1)` columns: so these are known to
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -384,18 +386,26 @@ def field(vertical: Vertical, shape: tuple[int, ...]) -> npt.NDArray[np.float32]
     return _field(vertical, shape, Rectangle(0, shape[0], 0, shape[1])).astype(np.float32)
 
 
-def out_of_view(vertical: Vertical, shape: tuple[int, int], part: Rectangle) -> npt.NDArray[np.bool_] | None:
-    """Where a part of an image of that shape meets rows more than `BEYOND` above or below the right image.
+def out_of_view(
+    vertical: Vertical, shape: tuple[int, int], part: Rectangle
+) -> Iterator[tuple[slice, npt.NDArray[np.bool_]]]:
+    """Where a part of images of that shape meets rows more than `BEYOND` above or below the right one.
 
-    Returns
-    -------
-    ndarray of bool, or None
-        None where the field is too small for any.
+    Yields
+    ------
+    rows : slice
+        Rows of the part: as many at the top, and at the bottom, of the whole images as may do so.
+    beyond : ndarray of bool
+        Where they do.
     """
-    if _most(vertical) <= BEYOND:
-        return None
-    rows = np.arange(part.top, part.bottom)[:, None] + _field(vertical, shape, part)
-    return (rows < -BEYOND) | (rows > shape[0] - 1 + BEYOND)
+    most = max(0, math.ceil(_most(vertical) - BEYOND))
+    ends = min(most, shape[0]), max(most, shape[0] - most)
+    for top, bottom in ((0, ends[0]), (ends[1], shape[0])):
+        strip = Rectangle(max(top, part.top), min(bottom, part.bottom), part.left, part.right)
+        if strip.top < strip.bottom:
+            row = np.arange(strip.top, strip.bottom)[:, None] + _field(vertical, shape, strip)
+            beyond = (row < -BEYOND) | (row > shape[0] - 1 + BEYOND)
+            yield slice(strip.top - part.top, strip.bottom - part.top), beyond
 
 
 def _field(vertical: Vertical, shape: tuple[int, ...], part: Rectangle) -> Floats:

@@ -1325,11 +1325,11 @@ def vertical_of(
     if beside is None:
         return start
     found = follow(rectify.FirstMap(beside))
-    rows = 0
+    field = aim = rectify.fit(found, shape)
     if found.lost:
         most = max(rectify.FAR >> levels, rectify.FAR_SMALL)
         rows = _other_rows(beside, lambda rows: coarse(Vertical(float(rows * 2**levels))), most)
-    aim = Vertical(float(rows * 2**levels)) if rows else rectify.fit(found, shape)
+        aim = Vertical(float(rows * 2**levels)) if rows else field
     for _ in range(rectify.ROUNDS):
         if not rectify.far_from(aim, start):
             break
@@ -1339,8 +1339,8 @@ def vertical_of(
         if len(again.rows) <= len(found.rows):
             break
         start, found = aim, again
-        aim = rectify.fit(found, shape)
-    return rectify.fit(found, shape)
+        field = aim = rectify.fit(found, shape)
+    return field
 
 
 def _other_rows(beside: DisparityMap, coarse: Callable[[int], DisparityMap | None], most: int) -> int:

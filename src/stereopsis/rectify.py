@@ -205,11 +205,12 @@ def known(
     disparity = first.disparity[at[:, 1], at[:, 0]].astype(np.float64)
     answered = np.isfinite(disparity)
     points = np.ascontiguousarray(points[answered])
-    start = np.empty((len(points), 2))
-    start[:, 0] = -2 * disparity[answered]
-    a, b, c, twist = _plane(first.field, shape)
-    x, y = points[:, 0] + start[:, 0] * 2 ** (last - 1), points[:, 1]
-    start[:, 1] = ((a + twist * y) * x + (b * y + c)) / 2 ** (last - 1)
+    start = np.zeros((len(points), 2))
+    np.multiply(disparity[answered], -2, out=start[:, 0])
+    if any(first.field):
+        a, b, c, twist = _plane(first.field, shape)
+        x, y = points[:, 0] + start[:, 0] * 2 ** (last - 1), points[:, 1]
+        start[:, 1] = ((a + twist * y) * x + (b * y + c)) / 2 ** (last - 1)
     return points, start
 
 

@@ -169,18 +169,15 @@ def unfiltered(found: Sequence[datasets.Dataset], which: str, task: str) -> None
 def calibration(dataset: datasets.Dataset, settings: Settings) -> tuple[float, float]:
     """The expected calibration error of what maps answer; and with the weights of filtered maps."""
     model = confidence.model(isinstance(settings.optimize, st.SGM), True, settings.cost.size)
-    trusts: tuple[list[Any], list[Any]] = [], []
-    rights = []
+    own, filtered, rights = [], [], []
     for sample in dataset[1::2]:
         seen = maps(sample, settings)
         counts = seen.known if settings.fill is not None else seen.known & seen.answered
         rights.append(seen.errors[counts] <= RIGHT)
-        for trust, found in zip(
-            trusts, (seen.probability, confidence.probability(*seen.given, model)), strict=True
-        ):
-            trust.append(found[counts])
-    own, filtered = (reliability(np.concatenate(trust), np.concatenate(rights)).error for trust in trusts)
-    return own, filtered
+        own.append(seen.probability[counts])
+        filtered.append(confidence.probability(*seen.given, model)[counts])
+    right = np.concatenate(rights)
+    return reliability(np.concatenate(own), right).error, reliability(np.concatenate(filtered), right).error
 
 
 def fit(

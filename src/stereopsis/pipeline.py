@@ -361,9 +361,9 @@ def _match(
         with _timed(timings, "match"):
             disparity, confidence, flags = _stream(pixels, chosen, seen)
     disparity, confidence, flags = map(np.ascontiguousarray, (disparity, confidence, flags))
+    place = _place(frame, disparity.shape)
     if any(borders):
         with _timed(timings, "blank"):
-            place = _place(frame, disparity.shape)
             hidden = blank.hidden(disparity, borders, place, False, chosen.threads)
             _refuse(hidden, Flag.OUT_OF_VIEW, disparity, confidence, flags)
             for name in stages.keys() & {"winners", "right_disparity"}:
@@ -373,7 +373,6 @@ def _match(
 
     if isinstance(chosen.vertical, Vertical):
         whole_shape = disparity.shape if frame is None else frame.shape
-        place = _place(frame, disparity.shape)
         for rows, beyond in rectify.out_of_view(chosen.vertical, whole_shape, place):
             _refuse(beyond, Flag.OUT_OF_VIEW, disparity[rows], confidence[rows], flags[rows])
             for name in stages.keys() & {"winners", "right_disparity"}:
@@ -504,7 +503,7 @@ def _match(
                 rectify.unbow(stages["right_disparity"], *known, of_right=True)
 
     if borders[0] is not None:
-        confidence[borders[0].blank(_place(frame, disparity.shape))] = 0  # also where it was filled
+        confidence[borders[0].blank(place)] = 0  # also where it was filled
     if chosen.sky and chosen.fill is not None:
         # Infinitely far, as far as the range goes; and nothing that was measured.
         shown = flags & np.uint8(Flag.SKY) > 0

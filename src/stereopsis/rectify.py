@@ -55,7 +55,7 @@ PEAK = 0.97
 MORE = 1.05
 """and those that answer so many times as many are taken."""
 NEAR, NEAR_SLOPES = 0.5, 2.0
-"""Offset and slopes, in pixels, with which points are followed without loss. With more they are once more,"""
+"""Offset and slopes, in pixels, within which points are followed without loss; farther they are once more,"""
 ROUNDS = 3
 """so often at most."""
 

@@ -32,7 +32,7 @@ def check_output(path: StrPath, *, calibration: Calibration | None = None) -> No
     suffix = target.suffix.lower()
     if suffix not in OUTPUT_SUFFIXES:
         raise ValueError(f"{target}: unknown suffix {suffix!r}; {', '.join(OUTPUT_SUFFIXES)} are written")
-    if calibration is None and (suffix == ".ply" or _is_depth(target)):
+    if calibration is None and (suffix == ".ply" or names_depth(target)):
         what = "point cloud" if suffix == ".ply" else "depth image"
         raise ValueError(f"{target}: a {what} needs a calibration")
     if target.is_dir():
@@ -91,11 +91,7 @@ def write_output(
             write_preview(path, disparity, range)
         case ".png" if Path(path).stem.lower().endswith("preview"):
             write_preview(path, disparity, range)
-        case _ if calibration is not None and _is_depth(path):
+        case _ if calibration is not None and names_depth(path):
             write_depth(path, depth(disparity, calibration))
         case _:
             write_disparity(path, disparity)
-
-
-def _is_depth(path: StrPath) -> bool:
-    return names_depth(path) and Path(path).suffix.lower() not in (".ply", ".jpg", ".jpeg")

@@ -18,6 +18,8 @@ from stereopsis.types import Calibration, DisparityMap, Image
 
 MILLIMETRES = 1000
 """A metre in a depth image of whole numbers."""
+DEPTH_SUFFIXES = (".png", ".pfm", ".npy", ".tif", ".tiff")
+"""What `write_depth` can write."""
 
 
 def depth(disparity: DisparityMap, calibration: Calibration) -> npt.NDArray[np.float32]:
@@ -79,7 +81,10 @@ def write_depth(path: StrPath, depth: npt.NDArray[np.floating[Any]]) -> None:
     """
     metres = check_disparity(depth, "depth")
     metres[~(metres > 0)] = np.nan
-    if Path(path).suffix.lower() != ".png":
+    suffix = Path(path).suffix.lower()
+    if suffix not in DEPTH_SUFFIXES:
+        raise ValueError(f"{path}: unknown suffix {suffix!r}; {', '.join(DEPTH_SUFFIXES)} hold depth")
+    if suffix != ".png":
         write_disparity(path, metres)
         return
     counts = np.rint(np.nan_to_num(metres).astype(np.float64) * MILLIMETRES)
@@ -89,7 +94,8 @@ def write_depth(path: StrPath, depth: npt.NDArray[np.floating[Any]]) -> None:
 
 def names_depth(path: StrPath) -> bool:
     """Whether a file's name says that it holds depth, as ``depth.png`` and ``out-depth.tif`` do."""
-    return Path(path).stem.lower().endswith("depth")
+    name = Path(path)
+    return name.stem.lower().endswith("depth") and name.suffix.lower() in DEPTH_SUFFIXES
 
 
 def points(

@@ -208,9 +208,8 @@ def known(
     start = np.zeros((len(points), 2))
     np.multiply(disparity[answered], -2, out=start[:, 0])
     if any(first.field):
-        a, b, c, twist = _plane(first.field, shape)
         x, y = points[:, 0] + start[:, 0] * 2 ** (last - 1), points[:, 1]
-        start[:, 1] = ((a + twist * y) * x + (b * y + c)) / 2 ** (last - 1)
+        start[:, 1] = _rows_at(first.field, shape, x, y) / 2 ** (last - 1)
     return points, start
 
 
@@ -384,7 +383,8 @@ def undone(
 
 def field(vertical: Vertical, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
     """Rows that each pixel of the right image lies too low, (H, W)."""
-    return _field(vertical, shape, Rectangle(0, shape[0], 0, shape[1])).astype(np.float32)
+    x, y = np.arange(shape[1]), np.arange(shape[0])[:, None]
+    return _rows_at(vertical, shape, x, y).astype(np.float32)
 
 
 def out_of_view(
@@ -404,16 +404,17 @@ def out_of_view(
     for top, bottom in ((0, ends[0]), (ends[1], shape[0])):
         strip = Rectangle(max(top, part.top), min(bottom, part.bottom), part.left, part.right)
         if strip.top < strip.bottom:
-            row = np.arange(strip.top, strip.bottom)[:, None] + _field(vertical, shape, strip)
+            x, y = np.arange(strip.left, strip.right), np.arange(strip.top, strip.bottom)[:, None]
+            row = y + _rows_at(vertical, shape, x, y)
             beyond = (row < -BEYOND) | (row > shape[0] - 1 + BEYOND)
             yield slice(strip.top - part.top, strip.bottom - part.top), beyond
 
 
-def _field(vertical: Vertical, shape: tuple[int, ...], part: Rectangle) -> Floats:
+def _rows_at(vertical: Vertical, shape: tuple[int, ...], x: npt.NDArray[Any], y: npt.NDArray[Any]) -> Floats:
+    """Rows that pixels of a right image of that shape lie too low."""
     a, b, c, twist = _plane(vertical, shape)
-    x, y = np.arange(part.left, part.right), np.arange(part.top, part.bottom)[:, None]
-    values: Floats = (a + twist * y) * x + (b * y + c)
-    return values
+    rows: Floats = (a + twist * y) * x + (b * y + c)
+    return rows
 
 
 def unbow(

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "scratch.hpp"
 #include "stages.hpp"
 
 namespace stereopsis {
@@ -137,6 +138,15 @@ class Penalty {
 // `parallel_rows` asks only where it has to wait: what is done many times over in no time has to ask by itself.
 void stop_if_asked(const Workers& workers) {
   if (workers.interrupted()) throw Interrupted();
+}
+
+// Zeros, set row by row by all threads: to take the memory of a large volume is a second's work of one, which nothing could stop.
+Unset<float> zeros(int height, size_t row, const Workers& workers) {
+  Unset<float> values(height * row);
+  parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) std::fill_n(values.get() + y * row, row, 0.0f);
+  });
+  return values;
 }
 
 int argmin(const float* costs, int count) { return static_cast<int>(std::min_element(costs, costs + count) - costs); }
@@ -384,7 +394,8 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
   const Penalty penalty(smoothness, D);
   const size_t pixels = static_cast<size_t>(H) * W;
   // One message an edge: to its second end after a forward pass, to its first end after a backward one.
-  std::vector<float> across(pixels * D), down(pixels * D);
+  const size_t row = static_cast<size_t>(W) * D;
+  const Unset<float> across = zeros(H, row, workers), down = zeros(H, row, workers);
   std::vector<int32_t> found(labels, labels + pixels);
   const auto there = [&](bool inside, size_t q) { return inside && labels[q] >= 0; };
 
@@ -398,10 +409,10 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
   // What the pixel's neighbours and its own costs say of each label.
   const auto gather = [&](size_t p, const Ends& has, float* sum) {
     std::copy_n(grid.costs + p * D, D, sum);
-    if (has.left) add(sum, across.data() + (p - 1) * D, D);
-    if (has.right) add(sum, across.data() + p * D, D);
-    if (has.above) add(sum, down.data() + (p - W) * D, D);
-    if (has.below) add(sum, down.data() + p * D, D);
+    if (has.left) add(sum, across.get() + (p - 1) * D, D);
+    if (has.right) add(sum, across.get() + p * D, D);
+    if (has.above) add(sum, down.get() + (p - W) * D, D);
+    if (has.below) add(sum, down.get() + p * D, D);
     const float least = *std::min_element(sum, sum + D);
     for (int l = 0; l < D; ++l) sum[l] -= least;
     return least;
@@ -417,8 +428,8 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
     std::copy_n(grid.costs + p * D, D, sum);
     if (has.left) add(sum, penalty.against(found[p - 1]), D);
     if (has.above) add(sum, penalty.against(found[p - W]), D);
-    if (has.right) add(sum, across.data() + p * D, D);
-    if (has.below) add(sum, down.data() + p * D, D);
+    if (has.right) add(sum, across.get() + p * D, D);
+    if (has.below) add(sum, down.get() + p * D, D);
     found[p] = argmin(sum, D);
   };
 
@@ -434,8 +445,8 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
       if (iteration == iterations) return;
       float* sum = scratch.row(2);
       gather(p, has, sum);
-      if (has.right) pass_on(sum, has.share(), across.data() + p * D, scratch);
-      if (has.below) pass_on(sum, has.share(), down.data() + p * D, scratch);
+      if (has.right) pass_on(sum, has.share(), across.get() + p * D, scratch);
+      if (has.below) pass_on(sum, has.share(), down.get() + p * D, scratch);
     });
     if (iteration > 0) {
       const double energy = energy_of(grid, penalty, found.data(), workers);
@@ -452,8 +463,8 @@ double tree_reweighted(const Grid& grid, const Smoothness& smoothness, int itera
       const Ends has = ends(y, x, p);
       float* sum = scratch.row(2);
       double taken = gather(p, has, sum);
-      if (has.left) taken += pass_on(sum, has.share(), across.data() + (p - 1) * D, scratch);
-      if (has.above) taken += pass_on(sum, has.share(), down.data() + (p - W) * D, scratch);
+      if (has.left) taken += pass_on(sum, has.share(), across.get() + (p - 1) * D, scratch);
+      if (has.above) taken += pass_on(sum, has.share(), down.get() + (p - W) * D, scratch);
       rows[y] += taken;
     });
     bound = std::max(bound, std::accumulate(rows.begin(), rows.end(), 0.0));
@@ -467,30 +478,32 @@ namespace {
 // One level of the pyramid of belief propagation: the messages that each pixel sends in the four directions.
 struct Level {
   Grid grid;
-  std::vector<float> costs;      // those of the coarser levels
+  Unset<float> costs;  // those of the coarser levels
   std::vector<uint8_t> takes_part;
-  std::vector<float> sent[4];    // left, right, up, down
-
-  size_t pixels() const { return static_cast<size_t>(grid.height) * grid.width; }
+  std::vector<Unset<float>> sent;  // left, right, up, down
 };
 
-Level halved(const Level& fine) {
+Level halved(const Level& fine, const Workers& workers) {
   const Grid& g = fine.grid;
+  const int H = (g.height + 1) / 2, W = (g.width + 1) / 2;
   const size_t D = g.count;
-  Level coarse{{nullptr, (g.height + 1) / 2, (g.width + 1) / 2, g.count}, {}, {}, {}};
-  coarse.costs.assign(coarse.pixels() * D, 0);
-  coarse.takes_part.assign(coarse.pixels(), 0);
-  for (int y = 0; y < g.height; ++y)
-    for (int x = 0; x < g.width; ++x) {
-      const size_t p = static_cast<size_t>(y) * g.width + x, q = static_cast<size_t>(y / 2) * coarse.grid.width + x / 2;
-      if (!fine.takes_part[p]) continue;
-      add(coarse.costs.data() + q * D, g.costs + p * D, g.count);
-      coarse.takes_part[q] = 1;
+  Level coarse{{nullptr, H, W, g.count}, zeros(H, W * D, workers), std::vector<uint8_t>(static_cast<size_t>(H) * W), {}};
+  coarse.grid.costs = coarse.costs.get();
+  parallel_rows(H, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
+    for (int row = begin; row < end && !cancel.load(std::memory_order_relaxed); ++row) {
+      const size_t first = static_cast<size_t>(row) * W;
+      for (int y = 2 * row; y < std::min(2 * row + 2, g.height); ++y)
+        for (int x = 0; x < g.width; ++x) {
+          const size_t p = static_cast<size_t>(y) * g.width + x, q = first + x / 2;
+          if (!fine.takes_part[p]) continue;
+          add(coarse.costs.get() + q * D, g.costs + p * D, g.count);
+          coarse.takes_part[q] = 1;
+        }
+      // A block in which no label suits all has nothing to say.
+      for (size_t q = first; q < first + W; ++q)
+        if (*std::min_element(coarse.grid.costs + q * D, coarse.grid.costs + (q + 1) * D) == kNever) coarse.takes_part[q] = 0;
     }
-  // A block in which no label suits all has nothing to say.
-  for (size_t q = 0; q < coarse.pixels(); ++q)
-    if (*std::min_element(&coarse.costs[q * D], &coarse.costs[q * D] + D) == kNever) coarse.takes_part[q] = 0;
-  coarse.grid.costs = coarse.costs.data();
+  });
   return coarse;
 }
 
@@ -500,7 +513,7 @@ void incoming(const Level& level, int y, int x, int leave_out, float* sum) {
   const size_t p = static_cast<size_t>(y) * W + x;
   std::copy_n(level.grid.costs + p * D, D, sum);
   const auto from = [&](int direction, bool inside, size_t q, int sends) {
-    if (direction != leave_out && inside && level.takes_part[q]) add(sum, level.sent[sends].data() + q * D, D);
+    if (direction != leave_out && inside && level.takes_part[q]) add(sum, level.sent[sends].get() + q * D, D);
   };
   from(0, x > 0, p - 1, 1);
   from(1, x + 1 < W, p + 1, 0);
@@ -514,27 +527,26 @@ void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iter
                         const Workers& workers) {
   const int D = grid.count;
   const Penalty penalty(smoothness, D);
-  std::vector<Level> pyramid(1);
-  pyramid[0].grid = grid;
-  pyramid[0].takes_part.resize(pyramid[0].pixels());
-  for (size_t p = 0; p < pyramid[0].pixels(); ++p) pyramid[0].takes_part[p] = labels[p] >= 0;
+  std::vector<Level> pyramid;
+  pyramid.push_back({grid, Unset<float>(0), std::vector<uint8_t>(static_cast<size_t>(grid.height) * grid.width), {}});
+  for (size_t p = 0; p < pyramid[0].takes_part.size(); ++p) pyramid[0].takes_part[p] = labels[p] >= 0;
   while (static_cast<int>(pyramid.size()) < levels && std::max(pyramid.back().grid.height, pyramid.back().grid.width) > 1) {
     stop_if_asked(workers);
-    pyramid.push_back(halved(pyramid.back()));
+    pyramid.push_back(halved(pyramid.back(), workers));
   }
 
   for (int k = static_cast<int>(pyramid.size()) - 1; k >= 0; --k) {
     Level& level = pyramid[k];
     const int H = level.grid.height, W = level.grid.width;
-    for (auto& sent : level.sent) sent.assign(level.pixels() * D, 0);
+    for (int direction = 0; direction < 4; ++direction) level.sent.push_back(zeros(H, static_cast<size_t>(W) * D, workers));
     if (k + 1 < static_cast<int>(pyramid.size())) {
       Level& coarse = pyramid[k + 1];
       parallel_rows(H, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
         for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
           for (int direction = 0; direction < 4; ++direction)
             for (int x = 0; x < W; ++x)
-              std::copy_n(coarse.sent[direction].data() + (static_cast<size_t>(y / 2) * coarse.grid.width + x / 2) * D, D,
-                          level.sent[direction].data() + (static_cast<size_t>(y) * W + x) * D);
+              std::copy_n(coarse.sent[direction].get() + (static_cast<size_t>(y / 2) * coarse.grid.width + x / 2) * D, D,
+                          level.sent[direction].get() + (static_cast<size_t>(y) * W + x) * D);
       });
       pyramid.pop_back();
     }
@@ -551,7 +563,7 @@ void belief_propagation(const Grid& grid, const Smoothness& smoothness, int iter
               if (!inside[direction]) continue;
               float* h = scratch.row(2);
               incoming(level, y, x, direction, h);
-              send(penalty, h, level.sent[direction].data() + p * D, D, scratch);
+              send(penalty, h, level.sent[direction].get() + p * D, D, scratch);
             }
           }
       });

@@ -214,15 +214,7 @@ class GroupState {
     if (depth() != 2) return;
     notes_ = notes;
     noting_ = fresh;
-    for (int n = 0; fresh && n < notes.count; ++n) {
-      const int turn = n * kStretch - 1;
-      const size_t room = job_.room, wide = job_.pair.width + kMargin;
-      for (int k = 0; k < static_cast<int>(group_.above.size()); ++k)
-        for (size_t column = 0; column < columns_; ++column)
-          if (n == 0 || column < kMargin || column >= wide)
-            std::copy_n(no_candidate_.get(), room, costs_at(k, turn) + column * room - kMargin * room);
-      std::fill_n(least_at(turn) - kMargin * kPathsAtOnce, least_row(), 0u);
-    }
+    if (fresh) begin_row(-1, 0);
   }
   char* save(int turn, char* to) const {
     char* const next = to + saved();
@@ -256,6 +248,7 @@ class GroupState {
       row.least[k] = least_at(turn - offset.dy) + offset.dx * kPathsAtOnce + k;
     }
     row.least_to = noting_ ? least_at(turn) : least_slot_at(turn);
+    if (noting_ && note_of(turn)) begin_row(turn, job_.pair.width);
     row.first = static_cast<Lane>(job_.first());
     for (int k = 0; k < above + row.along; ++k) row.second[k] = second_.get() + static_cast<size_t>(k) * W;
     if (job_.settings.guide) {
@@ -278,6 +271,15 @@ class GroupState {
     int deepest = 0;
     for (const Offset& offset : group_.above) deepest = std::max(deepest, offset.dy);
     return deepest + 1;
+  }
+  // What is looked back at where no pixel is: beside the `width` that a row of the turn will write. Of a note, when its turn
+  // comes: it is the first that takes the memory, which by all at once would keep a call for a second that nothing can stop.
+  void begin_row(int turn, int width) {
+    const size_t room = job_.room, wide = kMargin + width;
+    for (int k = 0; k < static_cast<int>(group_.above.size()); ++k)
+      for (size_t column = 0; column < columns_; ++column)
+        if (column < kMargin || column >= wide) std::copy_n(no_candidate_.get(), room, costs_at(k, turn) + column * room - kMargin * room);
+    std::fill_n(least_at(turn) - kMargin * kPathsAtOnce, least_row(), 0u);
   }
   size_t costs_row() const { return columns_ * job_.room; }
   size_t least_row() const { return columns_ * kPathsAtOnce; }
@@ -561,8 +563,10 @@ void mgm_sums(const Pair& pair, const uint16_t* costs, const SgmSettings& settin
     const size_t slot = static_cast<size_t>(D) + 2;
     const Block<int32_t> line(pixels * slot), least(pixels);
     std::vector<int32_t> told(D);
-    std::fill_n(line.get(), pixels * slot, 1 << 29);
-    std::fill_n(sums, pixels * D, uint16_t{0});
+    for (int y = 0; y < H && !cancel.load(std::memory_order_relaxed); ++y) {
+      std::fill_n(line.get() + static_cast<size_t>(y) * W * slot, W * slot, 1 << 29);
+      std::fill_n(sums + static_cast<size_t>(y) * W * D, static_cast<size_t>(W) * D, uint16_t{0});
+    }
     int dx = 1, dy = 0;
     for (int turn = 0; turn < settings.paths; ++turn) {
       const Offset before[2] = {{-dx, -dy}, {dy, -dx}};

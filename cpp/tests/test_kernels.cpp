@@ -2153,6 +2153,49 @@ void test_census_matching() {
   }
 }
 
+// What a process has in memory, in bytes; 0 where the system does not say.
+int64_t resident() {
+  long pages = 0;
+  if (std::FILE* file = std::fopen("/proc/self/statm", "r")) {
+    if (std::fscanf(file, "%*d %ld", &pages) != 1) pages = 0;
+    std::fclose(file);
+  }
+  return pages * int64_t{4096};
+}
+
+// Memory that is taken between two asks keeps a call from being stopped: a second for some gigabytes.
+void test_memory_is_taken_between_asks() {
+  int64_t most = 0, before = 0;
+  const Workers workers{1, [&] {
+                          const int64_t now = resident();
+                          most = std::max(most, now - before);
+                          before = now;
+                          return false;
+                        }};
+  const auto check_most = [&](const char* name, int64_t megabytes, auto run) {
+    most = 0, before = resident();
+    run();
+    CHECK(most <= megabytes << 20, std::string(name) + " took " + std::to_string(most >> 20) + " MiB at once");
+  };
+  const int H = 600, W = 1000, D = 256, bits = 24;  // 55 MiB of notes
+  Random random{101};
+  std::vector<uint64_t> left(static_cast<size_t>(H) * W), right(left.size());
+  for (auto& v : left) v = random.next() & 0xffffff;
+  for (auto& v : right) v = random.next() & 0xffffff;
+  std::vector<float> disparity(left.size()), confidence(left.size());
+  std::vector<uint8_t> flags(left.size());
+  const std::vector<int32_t> p2(256, 80);
+  check_most("semi-global matching", 16, [&] {
+    sgm_census({nullptr, nullptr, H, W, 1, 0, D}, {left.data(), right.data(), bits, false, 0, nullptr}, {8, bits, 9, p2.data(), nullptr},
+               {CostKind::sad, {1, 1}, Subpixel::parabola, false, 1.0, false, 1.1},
+               {disparity.data(), confidence.data(), flags.data()}, choose_sgm(available_kernels().front()->name), workers);
+  });
+  Field f = field(random, 200, 300, 64);  // messages of 4 times 15 MiB
+  const Smoothness s{2, 0.01, HUGE_VAL};
+  check_most("tree-reweighted", 8, [&] { tree_reweighted(f.grid(), s, 1, f.start.data(), workers); });
+  check_most("belief propagation", 8, [&] { belief_propagation(f.grid(), s, 1, 3, f.start.data(), workers); });
+}
+
 // ---- planar filter -----------------------------------------------------------------------------------------------------
 
 void test_planar() {
@@ -2268,6 +2311,7 @@ int main() {
   timed("path sums", test_path_sums);
   timed("planar filter", test_planar);
   timed("semi-global matching of a census", test_census_matching);
+  timed("memory is taken between asks", test_memory_is_taken_between_asks);
   timed("texture", test_texture);
   timed("speckle", test_speckle);
   timed("left and right of maps", test_left_right_of_maps);

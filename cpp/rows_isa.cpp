@@ -226,59 +226,110 @@ static void median_of_nine(const float* STEREOPSIS_RESTRICT above, const float* 
   }
 }
 
-// Of kRowRoom pairs the lower and the higher ones.
-static STEREOPSIS_INLINE void order(float* STEREOPSIS_RESTRICT low, float* STEREOPSIS_RESTRICT high) {
-  for (int u = 0; u < kRowRoom; ++u) {
-    const float a = low[u], b = high[u];
-    low[u] = a < b ? a : b;
-    high[u] = a < b ? b : a;
+// The lower and the higher one.
+static STEREOPSIS_INLINE void order(float& low, float& high) {
+  const float a = low, b = high;
+  low = a < b ? a : b;
+  high = a < b ? b : a;
+}
+
+// A knock-out: of so many values the least is the first, from `v` on, or the greatest the last, up to `v`.
+template <int Count, int Step = 1, int At = 0>
+static STEREOPSIS_INLINE void least_first(float* v) {
+  if constexpr (At + Step < Count) {
+    order(v[At], v[At + Step]);
+    least_first<Count, Step, At + 2 * Step>(v);
+  } else if constexpr (Step < Count) {
+    least_first<Count, 2 * Step>(v);
   }
 }
 
-// What has no value stands below all and above all in turn; how many there are of these.
-static STEREOPSIS_INLINE int take(const float* STEREOPSIS_RESTRICT from, float* STEREOPSIS_RESTRICT turn, float* STEREOPSIS_RESTRICT to) {
-  int holes = 0;
-  for (int u = 0; u < kRowRoom; ++u) {
-    const float value = from[u], end = turn[u];
-    to[u] = value == value ? value : end;
-    turn[u] = value == value ? end : -end;
-    holes += value == value ? 0 : 1;
+template <int Count, int Step = 1, int At = 0>
+static STEREOPSIS_INLINE void greatest_last(float* v) {
+  if constexpr (At + Step < Count) {
+    order(v[-At - Step], v[-At]);
+    greatest_last<Count, Step, At + 2 * Step>(v);
+  } else if constexpr (Step < Count) {
+    greatest_last<Count, 2 * Step>(v);
   }
-  return holes;
+}
+
+// The lower ones of Count values in front.
+template <int Count, int At = 0>
+static STEREOPSIS_INLINE void halve(float* v) {
+  if constexpr (At < Count / 2) {
+    order(v[At], v[Count - 1 - At]);
+    halve<Count, At + 1>(v);
+  }
+}
+
+constexpr int kOf25 = 14;  // more than half: their least and greatest are not the median of 25
+
+template <int At = 0, class Value>
+static STEREOPSIS_INLINE void collect(float* v, const Value& value) {
+  if constexpr (At < kOf25) {
+    v[At] = value(At);
+    collect<At + 1>(v, value);
+  }
 }
 
 // The median of 25: of 14 the least and the greatest cannot be it, nor of the 13 that the next one makes of the others, and so on.
+template <int Count = kOf25, class Value>
+static STEREOPSIS_INLINE float forget(float* v, const Value& value) {
+  halve<Count>(v);
+  least_first<(Count + 1) / 2>(v);
+  greatest_last<(Count + 1) / 2>(v + Count - 1);
+  if constexpr (Count == 3) {
+    return v[1];
+  } else {
+    v[0] = value(2 * kOf25 - Count);
+    return forget<Count - 1>(v, value);
+  }
+}
+
+// Columns at once: where one of them lacks a value all take the longer way.
+constexpr int kMedians = 32;
+
 static void median_of_25(const float* const* rows, int width, float* STEREOPSIS_RESTRICT filtered) {
   constexpr float far = std::numeric_limits<float>::infinity();
-  constexpr int wide = kRowRoom, all = 25, kept = 14;
-  for (int x = 0; x < width; x += wide) {
-    float median[2][wide];
+  const float *const r0 = rows[0], *const r1 = rows[1], *const r2 = rows[2], *const r3 = rows[3], *const r4 = rows[4];
+  for (int x = 0; x < width; x += kMedians) {
     int holes = 0;
-    for (int side = 0; side < 2; ++side) {
-      // Of an odd number of holes the last one stands once below, once above: the two middle ones of what there is.
-      float value[kept][wide], turn[wide];
-      for (int u = 0; u < wide; ++u) turn[u] = side ? far : -far;
-      for (int k = 0; k < kept; ++k) holes += take(rows[k / 5] + x + k % 5, turn, value[k]);
-      for (int m = kept, next = kept;; --m) {
-        for (int i = 0; i < m / 2; ++i) order(value[i], value[m - 1 - i]);
-        for (int i = 1; i <= (m - 1) / 2; ++i) order(value[0], value[i]);
-        for (int i = m / 2; i < m - 1; ++i) order(value[i], value[m - 1]);
-        if (next == all) break;
-        holes += take(rows[next / 5] + x + next % 5, turn, value[0]);
-        ++next;
+    for (const float* row : {r0, r1, r2, r3, r4})
+      for (int u = 0; u < kMedians + 4; ++u) holes += row[x + u] == row[x + u] ? 0 : 1;
+    float median[kMedians];
+    const auto at = [&](int u, int k) STEREOPSIS_INLINE_LAMBDA {
+      const float* const row = k / 5 == 0 ? r0 : k / 5 == 1 ? r1 : k / 5 == 2 ? r2 : k / 5 == 3 ? r3 : r4;
+      return row[x + u + k % 5];
+    };
+    if (holes == 0) {
+      for (int u = 0; u < kMedians; ++u) {
+        const auto value = [&](int k) STEREOPSIS_INLINE_LAMBDA { return at(u, k); };
+        float v[kOf25];
+        collect(v, value);
+        median[u] = forget(v, value);
       }
-      for (int u = 0; u < wide; ++u) median[side][u] = value[1][u];
-      if (holes == 0) {
-        for (int u = 0; u < wide; ++u) median[1][u] = value[1][u];
-        break;
+    } else {
+      for (int u = 0; u < kMedians; ++u) {
+        // What has no value stands below all and above all in turn. Of an odd number of these the last one stands once below, once
+        // above: the two middle ones of what there is.
+        float turn = -far;
+        const auto value = [&](int k) STEREOPSIS_INLINE_LAMBDA {
+          const float given = at(u, k), end = turn;
+          turn = given == given ? end : -end;
+          return given == given ? given : end;
+        };
+        float v[kOf25];
+        collect(v, value);
+        const float lower = forget(v, value);
+        turn = far;
+        collect(v, value);
+        const float upper = forget(v, value), both = lower == upper ? lower : 0.5f * (lower + upper);
+        const float middle = r2[x + u + 2];
+        median[u] = middle == middle ? both : middle;
       }
     }
-    const float* const here = rows[2] + x + 2;
-    const int here_wide = width - x < wide ? width - x : wide;
-    for (int u = 0; u < here_wide; ++u) {
-      const float lower = median[0][u], upper = median[1][u], both = lower == upper ? lower : 0.5f * (lower + upper);
-      filtered[x + u] = here[u] == here[u] ? both : here[u];
-    }
+    memcpy(filtered + x, median, (width - x < kMedians ? width - x : kMedians) * sizeof *median);
   }
 }
 

@@ -391,4 +391,14 @@ void nearer(const float* disparity, const uint8_t* doubtful, const float* again,
 void outlines(const float* disparity, const uint8_t* doubtful, const uint8_t* image, int channels, const int32_t* alike, int height,
               int width, float* moved, const Workers& workers);
 
+// 256 grey levels of either view.
+struct GreyPair {
+  const uint8_t *left, *right;
+};
+
+// What lies on the nearer side of a jump goes to the farther one where it matches better there, with what looks like it around;
+// what is not doubtful, and lies farther off, votes by where it lies.
+void unfatten(const float* disparity, const uint8_t* doubtful, const GreyPair& grey, const uint8_t* image, int channels,
+              const int32_t* alike, int height, int width, float* moved, const Workers& workers);
+
 }  // namespace stereopsis

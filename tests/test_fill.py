@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import stereopsis
 from reference import fill as reference
 from stereopsis import fill
 from stereopsis.types import Flag
@@ -241,3 +242,70 @@ def test_outlines_is_its_definition(shape, channels, far, share, threads, seed):
     image = random.integers(0, 60, (*shape, *channels), np.uint8)
     found = fill.outlines(disparity, doubtful, image, threads)
     np.testing.assert_array_equal(found, reference.outlines(disparity, doubtful, image))
+
+
+def test_what_a_window_has_added_to_a_near_thing_is_given_back():
+    """A near square with texture before a far wall with texture; the map has made it 2 columns wider."""
+    random = np.random.default_rng(3)
+    wall, thing = (random.integers(dark, dark + 40, (40, 60)).astype(np.uint8) for dark in (20, 180))
+    right, left = wall.copy(), np.roll(wall, 2, axis=1)
+    right[10:30, 20:40] = thing[10:30, 20:40]
+    left[10:30, 30:50] = thing[10:30, 20:40]
+    truth = np.full(left.shape, 2, np.float32)
+    truth[10:30, 30:50] = 10
+    fat = truth.copy()
+    fat[10:30, 50:52] = 10
+    found = fill.unfatten(fat, np.zeros(fat.shape, bool), (left, right), left)
+    np.testing.assert_array_equal(found, truth)
+
+
+def test_where_nothing_tells_a_thing_keeps_its_width():
+    grey = np.full((20, 30), 90, np.uint8)
+    disparity = np.full(grey.shape, 2, np.float32)
+    disparity[5:15, 10:20] = 10
+    doubtful = np.ones(grey.shape, bool)
+    np.testing.assert_array_equal(fill.unfatten(disparity, doubtful, (grey, grey), grey), disparity)
+
+
+@given(
+    shape=st.tuples(st.integers(1, 20), st.integers(1, 30)),
+    channels=st.sampled_from([(), (1,), (3,)]),
+    far=st.sampled_from([2, 6, 30]),
+    share=st.sampled_from([0, 0.5]),
+    threads=st.sampled_from([1, 3]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_unfatten_is_its_definition(shape, channels, far, share, threads, seed):
+    random = np.random.default_rng(seed)
+    blocks = random.integers(0, far, (3, 4)).repeat(8, axis=0).repeat(8, axis=1)[: shape[0], : shape[1]]
+    disparity = (blocks + random.integers(0, 4, shape) / 16).astype(np.float32)
+    disparity[random.random(shape) < 0.05] = np.nan
+    doubtful = random.random(shape) < share
+    views = tuple(random.integers(0, 40, shape).astype(np.uint8) for _ in range(2))
+    image = random.integers(0, 30, (*shape, *channels)).astype(np.uint8)
+    before = disparity.copy()
+    found = fill.unfatten(disparity, doubtful, views, image, threads)
+    np.testing.assert_array_equal(found, reference.unfatten(disparity, doubtful, views, image))
+    np.testing.assert_array_equal(disparity, before)
+
+
+def test_what_leaves_its_match_is_flagged_or_refused():
+    scene = stereopsis.scenes.street(320, 160, seed=4)
+    common = {"cost": "census", "optimize": "sgm", "left_right": 1, "median": 3, "disparities": (0, 64)}
+
+    def run(**more):
+        return stereopsis.match(scene.left, scene.right, **common, **more)
+
+    filled, decided = (run(fill="background", outlines=on) for on in (False, True))
+    unfilled, refused = (run(outlines=on) for on in (False, True))
+    moved = (decided.flags & Flag.FILLED > 0) & (filled.flags & Flag.FILLED == 0)
+    assert 20 < moved.sum() < 0.02 * moved.size
+    assert (decided.flags[moved] & Flag.MISMATCHED > 0).all()
+    after, before = (np.abs(found.disparity - scene.disparity)[moved] for found in (decided, filled))
+    assert np.nanmedian(after) < 1 < np.nanmedian(before)
+    gone = np.isnan(refused.disparity) & np.isfinite(unfilled.disparity)
+    assert 20 < gone.sum() < 0.02 * gone.size
+    assert (refused.flags[gone] & Flag.MISMATCHED > 0).all()
+    assert (refused.confidence[gone] == 0).all()
+    assert not (refused.flags & Flag.FILLED).any()

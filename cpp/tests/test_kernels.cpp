@@ -1043,7 +1043,7 @@ void test_after_the_checks() {
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(10, std::vector<float>(size));
+      std::vector<std::vector<float>> found(11, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -1054,6 +1054,8 @@ void test_after_the_checks() {
       const AnsweredMap answers{surface.data(), occluded.data(), sharpness.data(), map.data(), sharpness.data(), H, W};
       probability(answers, model, found[4].data(), workers);
       outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
+      const GreyPair grey{bytes.data(), bytes.data() + size * (channels - 1)};
+      unfatten(map.data(), occluded.data(), grey, bytes.data(), channels, alike.data(), H, W, found[10].data(), workers);
       nearer(map.data(), occluded.data(), found[3].data(), H, W, found[9].data(), workers);
       found[6] = surface;
       std::vector<uint8_t> flags(occluded);
@@ -1074,6 +1076,7 @@ void test_after_the_checks() {
         right = right && std::isnan(found[3][k]) != any && found[4][k] >= 0 && found[4][k] <= 1;
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
         right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
+        right = right && std::isnan(found[10][k]) == hole && !(found[10][k] > map[k]);
       }
       for (int k = 0; k < size; ++k) {
         const float value = found[9][k];

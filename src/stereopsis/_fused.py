@@ -153,8 +153,16 @@ def serves_gaussian(kind: str, pair: Pixels) -> bool:
 
 def guide_of(pair: Pixels) -> npt.NDArray[np.uint8]:
     """The left image in 256 grey levels, (H, W)."""
-    left, _ = pixelwise.levels(pair.left, pair.right, pair.limits)
-    return np.ascontiguousarray((grey(left) if left.shape[2] == 3 else left)[..., 0])
+    return guides_of(pair)[0]
+
+
+def guides_of(pair: Pixels) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Both images in 256 grey levels, (H, W)."""
+    left, right = (
+        np.ascontiguousarray((grey(image) if image.shape[2] == 3 else image)[..., 0])
+        for image in pixelwise.levels(pair.left, pair.right, pair.limits)
+    )
+    return left, right
 
 
 def streams_census(cost: Any, settings: sgm.SGM) -> bool:

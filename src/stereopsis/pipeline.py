@@ -486,10 +486,7 @@ def _match(
                 disparity = _refilled(disparity, flags, pixels, chosen, beneath, tolerance)
     if chosen.outlines:
         with _timed(timings, "outlines"):
-            filled = flags & np.uint8(Flag.FILLED)
-            disparity = fill.outlines(disparity, filled, _seen(pair, pixels), chosen.threads)
-            if chosen.median is not None:
-                disparity = refine.median(disparity, chosen.median, chosen.threads)
+            disparity = _outlined(disparity, confidence, flags, pair, pixels, chosen)
 
     bowed = frame is not None and frame.bowed
     if isinstance(chosen.vertical, Vertical) and chosen.vertical.keystone and not bowed:
@@ -591,6 +588,31 @@ def _refilled(
         np.copyto(found, smooth, where=filled)
         np.clip(found, bounds.min, bounds.max - 1, out=found)
     return found
+
+
+def _outlined(
+    disparity: DisparityMap,
+    confidence: npt.NDArray[np.float32],
+    flags: npt.NDArray[np.uint8],
+    pair: Pair,
+    pixels: cost.Pixels,
+    chosen: Settings,
+) -> DisparityMap:
+    """The map with outlines that were decided anew; what leaves its match is flagged, or refused."""
+    seen = _seen(pair, pixels)
+
+    def even(found: DisparityMap) -> DisparityMap:
+        return found if chosen.median is None else refine.median(found, chosen.median, chosen.threads)
+
+    filled = flags & np.uint8(Flag.FILLED)
+    before = even(fill.outlines(disparity, filled, seen, chosen.threads))
+    found = fill.unfatten(before, filled, _fused.guides_of(pixels), seen, chosen.threads)
+    left = (found < before) & (filled == 0)
+    if chosen.fill is None:
+        _refuse(left, Flag.MISMATCHED, found, confidence, flags)
+    else:
+        flags |= left * np.uint8(Flag.MISMATCHED | Flag.FILLED)
+    return even(found)
 
 
 def _guide(pixels: cost.Pixels) -> npt.NDArray[np.uint8]:

@@ -230,7 +230,8 @@ class Settings:
         filled once more from the rest: the nearer answer stands. None: off.
     outlines : bool
         What was filled beside a jump of disparity goes to the nearer surface where what looks like it around
-        does; then the `median` again. At the end.
+        does, and what lies on the nearer one to the farther where it matches better there; each time the
+        `median` again. At the end.
     pyramid : int or None
         Coarse to fine: a map of images that were halved so often tells which disparities each tile of the
         image has to search. None: everything everywhere.

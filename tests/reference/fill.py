@@ -116,3 +116,59 @@ def outlines(disparity, doubtful, image):
         if votes[nearer] > votes[farther]:
             moved[y, x] = nearer
     return moved
+
+
+def unfatten(disparity, doubtful, views, image):
+    image = np.atleast_3d(image).astype(int)
+    d = disparity.astype(np.float32)
+    height, width = d.shape
+
+    def gradient(grey):
+        padded = np.pad(grey.astype(int), 1, mode="edge")
+        return np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]], -1)
+
+    left, right = map(gradient, views)
+
+    def apart(y, x, value):
+        """Thirty-seconds of grey levels a pixel."""
+        place = min(max(np.rint(16 * (np.float32(x) - value)), 0), 16 * (width - 1))
+        one, part = divmod(int(place), 16)
+        meets = (16 - part) * right[y, one] + part * right[y, min(one + 1, width - 1)]
+        return min(abs(16 * left[y, x] - meets).sum(), 320)
+
+    def weight(y, x, v, u):
+        return round(4096 * math.exp(-abs(image[v, u] - image[y, x]).max() / 12))
+
+    before, d = d, d.copy()
+
+    def around(y, x, reach, values=before):
+        found = values[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1]
+        return found[~np.isnan(found)]
+
+    jumps = np.zeros(d.shape, bool)
+    for y, x in np.ndindex(d.shape):
+        jumps[y, x] = around(y, x, 1).size and np.ptp(around(y, x, 1)) > 2
+    sides = {
+        (y, x): (around(y, x, 3).min(), around(y, x, 3).max())
+        for y, x in np.ndindex(d.shape)
+        if jumps[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3].any()
+    }
+    worse = {(y, x): apart(y, x, far) - apart(y, x, near) for (y, x), (far, near) in sides.items()}
+    for (y, x), (far, near) in sides.items():
+        if not before[y, x] - far > near - before[y, x]:
+            continue
+        stays = 480 * 4096
+        for v in range(y - 2, y + 3):
+            for u in range(x - 2, x + 3):
+                if (v, u) in worse:
+                    stays += weight(y, x, v, u) * worse[v, u]
+        for v in range(y - 4, y + 5, 4):
+            for u in range(x - 12, x + 13, 4):
+                if not (0 <= v < height and 0 <= u < width) or (v, u) in sides or doubtful[v, u]:
+                    continue
+                for surface, vote in ((near, 480), (far, -480)):
+                    if 3 * abs(before[v, u] - surface) < near - far:
+                        stays += vote * weight(y, x, v, u)
+        if stays < 0:
+            d[y, x] = far
+    return d

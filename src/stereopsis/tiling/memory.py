@@ -182,5 +182,5 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
     if settings.least_confidence is not None and settings.fill is not None:
         stages.append(filled + filling + (12 if settings.planar is not None else 4))
     if settings.outlines:
-        stages.append(8 + narrow)
+        stages.append(26 + narrow)
     return max(stages)

@@ -81,9 +81,10 @@ def halo(settings: Settings) -> Halo:
         if settings.planar is not None:
             found = found.then(refine.planar_halo(window_size(settings.planar)))
     if settings.outlines:
-        found = found.then(fill.OUTLINES_HALO)
-        if settings.median is not None:
-            found = found.then(refine.median_halo(settings.median))
+        for decided in (fill.OUTLINES_HALO, fill.UNFATTEN_HALO):
+            found = found.then(decided)
+            if settings.median is not None:
+                found = found.then(refine.median_halo(settings.median))
     return found
 
 

@@ -1180,6 +1180,18 @@ NB_MODULE(_core, m) {
     });
   });
 
+  m.def("photometric", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
+                          const Array<const uint8_t, 2>& left, const Array<const uint8_t, 2>& right, float least, float most,
+                          const Array<float, 2>& out, int threads) {
+    const int H = disparity.shape(0), W = disparity.shape(1);
+    for (const auto& map : {doubtful, left, right}) require_shape(map, H, W);
+    require_shape(out, H, W);
+    const GreyPair grey{left.data(), right.data()};
+    run(threads, [&](const Workers& workers) {
+      photometric(disparity.data(), doubtful.data(), grey, H, W, least, most, out.data(), workers);
+    });
+  });
+
   m.def("align", [](const Pixels& left, const Pixels& right, int window_width, int window_height, int alignment, bool centred,
                     bool bytes, const Array<const float, 2>& start, const Array<float, 2>& disparity, int threads) {
     const AlignedPair pair = aligned_pair(left, right);

@@ -150,8 +150,7 @@ class Gradients {
 
 // How far the gradients of two rows are apart at a pixel of the left one and what it meets at a disparity, in kUnits.
 int unlike(const Gradients& left, const Gradients& right, int x, float disparity) {
-  const float place = std::rint(kUnits * (static_cast<float>(x) - disparity));
-  const int at = static_cast<int>(std::min(std::max(place, 0.0f), static_cast<float>(kUnits * right.last())));
+  const int at = std::min(std::max(kUnits * x - parts_of(disparity, kUnits), 0), kUnits * right.last());
   const int one = at / kUnits, other = std::min(one + 1, right.last()), part = at % kUnits, rest = kUnits - part;
   return std::min(kMostApart, std::abs(kUnits * left.along(x) - rest * right.along(one) - part * right.along(other)) +
                                   std::abs(kUnits * left.down(x) - rest * right.down(one) - part * right.down(other)));

@@ -2,6 +2,8 @@
 // candidates innermost, lower is better, `worst` where the candidate lies outside the right image.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 
@@ -396,9 +398,19 @@ struct GreyPair {
   const uint8_t *left, *right;
 };
 
+// A disparity in whole parts of a pixel: the same at every column, and so in every part of an image.
+inline int parts_of(float disparity, int unit) {
+  constexpr float far = 1 << 29;
+  return static_cast<int>(std::min(std::max(std::rint(static_cast<float>(unit) * disparity), -far), far));
+}
+
 // What lies on the nearer side of a jump goes to the farther one where it matches better there, with what looks like it around;
 // what is not doubtful, and lies farther off, votes by where it lies.
 void unfatten(const float* disparity, const uint8_t* doubtful, const GreyPair& grey, const uint8_t* image, int channels,
               const int32_t* alike, int height, int width, float* moved, const Workers& workers);
+
+// What is not doubtful moves by up to half a pixel, within [least, most], to where the grey levels around are most alike.
+void photometric(const float* disparity, const uint8_t* doubtful, const GreyPair& grey, int height, int width, float least, float most,
+                 float* moved, const Workers& workers);
 
 }  // namespace stereopsis

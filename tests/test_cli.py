@@ -187,6 +187,7 @@ class TestMatch:
         "confidence": ("calibrated", "calibrated"),
         "least_confidence": ("0.5", 0.5),
         "outlines": ("on", True),
+        "photometric": ("on", True),
         "threads": ("2", 2),
         "keep": ("texture", ["texture"]),
         "preset": ("fast", "fast"),

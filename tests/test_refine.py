@@ -2,9 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
+from scipy import ndimage
 
+import stereopsis
 from reference import refine as reference
 from stereopsis import _core, _instructions, refine
+from stereopsis.types import Disparities
 
 N, NONE = np.nan, np.iinfo(np.int64).max
 
@@ -224,3 +227,45 @@ def test_planar_takes_noise_off_a_slanted_surface():
     holes = disparity.copy()
     holes[10, 7:30] = np.nan
     assert (np.isnan(refine.planar(holes, (25, 25))) == np.isnan(holes)).all()
+
+
+@given(
+    shape=some.tuples(some.integers(1, 14), some.integers(1, 26)),
+    span=some.sampled_from([1, 3, 30]),
+    share=some.sampled_from([0, 0.3]),
+    contrast=some.sampled_from([20, 255]),
+    threads=some.sampled_from([1, 3]),
+    seed=some.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_photometric_is_its_definition(shape, span, share, contrast, threads, seed):
+    random = np.random.default_rng(seed)
+    disparity = (random.random(shape) * span).astype(np.float32)
+    disparity[random.random(shape) < share / 2] = np.nan
+    doubtful = (random.random(shape) < share).astype(np.uint8)
+    views = tuple(random.integers(0, contrast, shape).astype(np.uint8) for _ in range(2))
+    before = disparity.copy()
+    found = refine.photometric(disparity, doubtful, views, Disparities(0, span + 1), threads)
+    np.testing.assert_array_equal(found, reference.photometric(disparity, doubtful, views, 0, span))
+    np.testing.assert_array_equal(disparity, before)
+
+
+def test_a_wall_that_faces_the_camera_is_where_it_is():
+    """Sums over paths prefer whole disparities; what the images show does not."""
+    random = np.random.default_rng(4)
+    texture = ndimage.gaussian_filter(random.normal(size=(120, 400)), 1.2)
+    texture = 120 + 40 * texture / texture.std()
+    shifted = ndimage.shift(texture, (0, 0.4), order=5)
+    left, right = (
+        np.clip(np.rint(image + random.normal(size=image.shape)), 0, 255).astype(np.uint8)[
+            :, lead : lead + 300
+        ]
+        for image, lead in ((shifted, 30), (texture, 50))
+    )
+
+    def off(**more):
+        found = stereopsis.match(left, right, disparities=(0, 40), preset="balanced", **more)
+        return np.nanmedian(found.disparity[10:-10, 60:-10]) - 20.4
+
+    assert abs(off()) < 0.08
+    assert abs(off(photometric=False)) > 0.2

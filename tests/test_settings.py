@@ -59,6 +59,7 @@ any_settings = some.builds(
     confidence=some.sampled_from([None, "calibrated"]),
     least_confidence=some.none() | some.floats(0, 1),
     outlines=some.booleans(),
+    photometric=some.booleans(),
     step=some.integers(1, 255),
     disparity_step=some.integers(1, 255),
     threads=some.integers(0, 4096),

@@ -190,6 +190,7 @@ def test_the_same_bits(shape, channels, dtype, side, disparities, cost, others, 
         {"confidence": "calibrated", "left_right": 1.0, "least_confidence": 0.4, "texture": "auto"},
         {"confidence": "calibrated", "left_right": 1.0, "fill": "background"},
         {"outlines": True, "left_right": 1.0, "fill": "background", "median": 3},
+        {"photometric": True, "left_right": 1.0},
         {
             "least_confidence": 0.4,
             "confidence": "calibrated",

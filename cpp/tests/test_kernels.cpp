@@ -1043,7 +1043,7 @@ void test_after_the_checks() {
     std::vector<std::vector<float>> first;
     for (const int threads : {1, random.between(2, 9)}) {
       const Workers workers{threads, [] { return false; }};
-      std::vector<std::vector<float>> found(11, std::vector<float>(size));
+      std::vector<std::vector<float>> found(12, std::vector<float>(size));
       weighted_median(map.data(), bytes.data(), H, W, channels, side, slope, found[0].data(), workers);
       edge_aware(map.data(), guide, H, W, iterations, found[1].data(), workers);
       interpolate(map.data(), occluded.data(), H, W, found[2].data(), workers);
@@ -1056,6 +1056,7 @@ void test_after_the_checks() {
       outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
       const GreyPair grey{bytes.data(), bytes.data() + size * (channels - 1)};
       unfatten(map.data(), occluded.data(), grey, bytes.data(), channels, alike.data(), H, W, found[10].data(), workers);
+      photometric(map.data(), occluded.data(), grey, H, W, -7, 9, found[11].data(), workers);
       nearer(map.data(), occluded.data(), found[3].data(), H, W, found[9].data(), workers);
       found[6] = surface;
       std::vector<uint8_t> flags(occluded);
@@ -1077,6 +1078,8 @@ void test_after_the_checks() {
         right = right && (hole || std::find(map.begin(), map.end(), found[0][k]) != map.end());
         right = right && (occluded[k] ? !(found[5][k] < map[k]) : std::isnan(found[5][k]) == hole && (hole || found[5][k] == map[k]));
         right = right && std::isnan(found[10][k]) == hole && !(found[10][k] > map[k]);
+        const float kept = std::min(std::max(map[k], -7.0f), 9.0f);
+        right = right && std::isnan(found[11][k]) == hole && (hole || found[11][k] == map[k] || std::fabs(found[11][k] - kept) <= 0.5f);
       }
       for (int k = 0; k < size; ++k) {
         const float value = found[9][k];

@@ -548,6 +548,17 @@ def fill_surfaces(
 ) -> None: ...
 def nearer(disparity: _F32, doubtful: _U8, again: _F32, out: _F32, threads: int, /) -> None: ...
 def outlines(disparity: _F32, doubtful: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /) -> None: ...
+def photometric(
+    disparity: _F32,
+    doubtful: _U8,
+    left: _U8,
+    right: _U8,
+    least: float,
+    most: float,
+    out: _F32,
+    threads: int,
+    /,
+) -> None: ...
 def unfatten(
     disparity: _F32, doubtful: _U8, left: _U8, right: _U8, image: _U8, alike: _I32, out: _F32, threads: int, /
 ) -> None: ...

@@ -114,6 +114,7 @@ def match(
     confidence: str | None = UNSET,
     least_confidence: float | None = UNSET,
     outlines: bool = UNSET,
+    photometric: bool = UNSET,
     pyramid: int | None = UNSET,
     step: int = UNSET,
     disparity_step: int = UNSET,
@@ -141,7 +142,9 @@ def match(
         As in `Settings`.
     upsample, left_right, uniqueness, texture, reflection, sky, median, speckle, planes, planar, fill
         As in `Settings`.
-    weighted_median, edge_aware, confidence, least_confidence, outlines, pyramid, step, disparity_step
+    weighted_median, edge_aware, confidence, least_confidence, outlines, photometric
+        As in `Settings`.
+    pyramid, step, disparity_step
         As in `Settings`.
     threads, keep
         As in `Settings`.
@@ -204,6 +207,7 @@ def match(
             ("confidence", confidence),
             ("least_confidence", least_confidence),
             ("outlines", outlines),
+            ("photometric", photometric),
             ("pyramid", pyramid),
             ("step", step),
             ("disparity_step", disparity_step),
@@ -487,6 +491,11 @@ def _match(
     if chosen.outlines:
         with _timed(timings, "outlines"):
             disparity = _outlined(disparity, confidence, flags, pair, pixels, chosen)
+    if chosen.photometric:
+        with _timed(timings, "photometric"):
+            filled = flags & np.uint8(Flag.FILLED)
+            views, threads = _fused.guides_of(pixels), chosen.threads
+            disparity = refine.photometric(disparity, filled, views, chosen.disparities, threads)
 
     bowed = frame is not None and frame.bowed
     if isinstance(chosen.vertical, Vertical) and chosen.vertical.keystone and not bowed:
@@ -815,6 +824,7 @@ def _match_tiles(
         **dict.fromkeys(("weighted_median", "edge_aware", "confidence", "least_confidence")),
         sky=False,
         outlines=False,
+        photometric=False,
         keep=(),
         subpixel=_fit(chosen.subpixel),
     )

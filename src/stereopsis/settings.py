@@ -232,6 +232,9 @@ class Settings:
         What was filled beside a jump of disparity goes to the nearer surface where what looks like it around
         does, and what lies on the nearer one to the farther where it matches better there; each time the
         `median` again. At the end.
+    photometric : bool
+        What was matched moves by up to half a pixel to where the grey levels around it are most alike. After
+        everything else.
     pyramid : int or None
         Coarse to fine: a map of images that were halved so often tells which disparities each tile of the
         image has to search. None: everything everywhere.
@@ -281,6 +284,7 @@ class Settings:
     confidence: Literal["calibrated"] | None = None
     least_confidence: float | None = None
     outlines: bool = False
+    photometric: bool = False
     pyramid: int | None = None
     step: int = 1
     disparity_step: int = 1
@@ -597,7 +601,7 @@ def _checked(name: str, value: Any) -> Any:
         case "sky" if isinstance(value, str):
             if value != "auto":
                 raise refuse('True, False or "auto"')
-        case "sky" | "blank" | "outlines":
+        case "sky" | "blank" | "outlines" | "photometric":
             if value is not None and not isinstance(value, bool):
                 raise refuse('True, False or "auto"' if name == "sky" else "True or False")
             return bool(value)
@@ -826,7 +830,7 @@ def _from_text(name: str, text: str) -> Any:
             return tuple(number(part) for part in text.split(",")) if "," in text else number(text)
         case "texture" | "sharpen" | "sky" if text == "auto":
             return text
-        case "sky" | "blank" | "outlines" | "optimize_more_global":
+        case "sky" | "blank" | "outlines" | "photometric" | "optimize_more_global":
             if text.lower() not in ("on", "true"):
                 allowed = "on, off or auto" if name == "sky" else "on or off"
                 raise ValueError(f"{name} must be {allowed}, not {text!r}")
@@ -882,6 +886,7 @@ _BALANCED = Settings(
     planar=(49, 25),
     fill="background",
     outlines=True,
+    photometric=True,
 )
 PRESETS: Mapping[str, Settings] = MappingProxyType(
     {

@@ -131,8 +131,8 @@ def unfatten(disparity, doubtful, views, image):
 
     def apart(y, x, value):
         """Thirty-seconds of grey levels a pixel."""
-        place = min(max(np.rint(16 * (np.float32(x) - value)), 0), 16 * (width - 1))
-        one, part = divmod(int(place), 16)
+        place = min(max(16 * x - int(np.rint(16 * value)), 0), 16 * (width - 1))
+        one, part = divmod(place, 16)
         meets = (16 - part) * right[y, one] + part * right[y, min(one + 1, width - 1)]
         return min(abs(16 * left[y, x] - meets).sum(), 320)
 

@@ -183,4 +183,6 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
         stages.append(filled + filling + (12 if settings.planar is not None else 4))
     if settings.outlines:
         stages.append(26 + narrow)
+    if settings.photometric:
+        stages.append(14 + narrow)
     return max(stages)

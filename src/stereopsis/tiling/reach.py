@@ -85,6 +85,8 @@ def halo(settings: Settings) -> Halo:
             found = found.then(decided)
             if settings.median is not None:
                 found = found.then(refine.median_halo(settings.median))
+    if settings.photometric:
+        found = found.then(refine.PHOTOMETRIC_HALO)
     return found
 
 

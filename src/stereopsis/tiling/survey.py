@@ -222,8 +222,9 @@ def _texture(whole: _Pair) -> float:
 def _takes_levels(chosen: Settings) -> bool:
     contrast = isinstance(chosen.optimize, sgm.SGM) and chosen.optimize.contrast is not None
     smoothed = chosen.weighted_median is not None or chosen.edge_aware is not None
-    guided = smoothed or chosen.fill == "surfaces" or chosen.confidence is not None or chosen.outlines
-    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or guided
+    guided = smoothed or chosen.fill == "surfaces" or chosen.confidence is not None
+    levels = guided or chosen.outlines or chosen.photometric
+    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or levels
 
 
 def _limits(whole: _Pair, vertical: Vertical | None, frame: Frame) -> tuple[int, int, int, int]:
@@ -306,6 +307,7 @@ def _level(chosen: Settings) -> Settings:
         confidence=None,
         least_confidence=None,
         outlines=False,
+        photometric=False,
         **off,
     )
     if isinstance(chosen.optimize, sgm.SGM):

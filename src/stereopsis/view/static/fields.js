@@ -50,6 +50,7 @@ export const GROUPS = [
       toggle("median", "Median", 3, { value: slider(1, 15, 2, "px") }),
       toggle("weighted_median", "Weighted median", [7, 10], { value: slider(1, 11, 2, "px"), part: 0 }),
       toggle("outlines", "Outlines", true, { off: false }),
+      toggle("photometric", "Photometric", true, { off: false }),
       toggle("edge_aware", "Edge-aware", [100, 5], { value: slider(0, 1000, 10), part: 0 }),
       choice("fill", "Filling", [null, "background", "interpolate", "surfaces"]),
     ],

@@ -19,30 +19,49 @@ constexpr int kPatch = 2, kUnits = 16;      // what a pixel's match is judged by
 constexpr int kMostApart = 20 * kUnits;     // gradients 10 grey levels a pixel apart (differences over two) are as bad as any
 constexpr int kVote = 480;                  // a vote of what looks the same, in units of these; what was found has one
 
+// Of each pixel of a row the least and the greatest disparity within `reach` rows and columns; infinite where there is none.
+class Extremes {
+ public:
+  Extremes(const float* disparity, int height, int width, int reach)
+      : disparity_(disparity), height_(height), width_(width), reach_(reach), low_(width + 2 * reach), high_(width + 2 * reach) {}
+
+  void find(int y, float* STEREOPSIS_RESTRICT least, float* STEREOPSIS_RESTRICT most) {
+    constexpr float far = std::numeric_limits<float>::infinity();
+    std::fill(low_.begin(), low_.end(), far);
+    std::fill(high_.begin(), high_.end(), -far);
+    float *STEREOPSIS_RESTRICT const low = low_.data() + reach_, *STEREOPSIS_RESTRICT const high = high_.data() + reach_;
+    for (int v = std::max(0, y - reach_); v <= std::min(height_ - 1, y + reach_); ++v) {
+      const float* STEREOPSIS_RESTRICT const row = disparity_ + static_cast<size_t>(v) * width_;
+      for (int x = 0; x < width_; ++x) {
+        low[x] = row[x] < low[x] ? row[x] : low[x];
+        high[x] = row[x] > high[x] ? row[x] : high[x];
+      }
+    }
+    std::fill_n(least, width_, far);
+    std::fill_n(most, width_, -far);
+    for (int k = -reach_; k <= reach_; ++k)
+      for (int x = 0; x < width_; ++x) {
+        least[x] = low[x + k] < least[x] ? low[x + k] : least[x];
+        most[x] = high[x + k] > most[x] ? high[x + k] : most[x];
+      }
+  }
+
+ private:
+  const float* disparity_;
+  const int height_, width_, reach_;
+  std::vector<float> low_, high_;
+};
+
 // Whether there is an outline within kBeside columns of each pixel of a row: whether its 3 x 3 pixels span more than `jump`.
 class Jumps {
  public:
   Jumps(const float* disparity, int height, int width, float jump)
-      : disparity_(disparity), height_(height), width_(width), jump_(jump), low_(width + 2), high_(width + 2), jumps_(width + 2 * kBeside) {}
+      : extremes_(disparity, height, width, 1), width_(width), jump_(jump), least_(width), most_(width), jumps_(width + 2 * kBeside) {}
 
   void mark(int y, uint8_t* STEREOPSIS_RESTRICT beside) {
-    constexpr float far = std::numeric_limits<float>::infinity();
-    std::fill(low_.begin(), low_.end(), far);
-    std::fill(high_.begin(), high_.end(), -far);
-    float *STEREOPSIS_RESTRICT const low = low_.data(), *STEREOPSIS_RESTRICT const high = high_.data();
-    for (int v = std::max(0, y - 1); v <= std::min(height_ - 1, y + 1); ++v) {
-      const float* STEREOPSIS_RESTRICT const row = disparity_ + static_cast<size_t>(v) * width_;
-      for (int x = 0; x < width_; ++x) {
-        low[x + 1] = row[x] < low[x + 1] ? row[x] : low[x + 1];
-        high[x + 1] = row[x] > high[x + 1] ? row[x] : high[x + 1];
-      }
-    }
+    extremes_.find(y, least_.data(), most_.data());
     uint8_t* STEREOPSIS_RESTRICT const jumps = jumps_.data();
-    for (int x = 0; x < width_; ++x) {
-      const float least = std::min(low[x], std::min(low[x + 1], low[x + 2]));
-      const float most = std::max(high[x], std::max(high[x + 1], high[x + 2]));
-      jumps[x + kBeside] = most - least > jump_;
-    }
+    for (int x = 0; x < width_; ++x) jumps[x + kBeside] = most_[x] - least_[x] > jump_;
     for (int x = 0; x < width_; ++x) {
       uint8_t any = 0;
       for (int k = 0; k <= 2 * kBeside; ++k) any |= jumps[x + k];
@@ -51,10 +70,10 @@ class Jumps {
   }
 
  private:
-  const float* disparity_;
-  const int height_, width_;
+  Extremes extremes_;
+  const int width_;
   const float jump_;
-  std::vector<float> low_, high_;
+  std::vector<float> least_, most_;
   std::vector<uint8_t> jumps_;
 };
 
@@ -94,41 +113,6 @@ void mark_beside(const std::vector<uint8_t>& columns, int height, int width, int
   for (int v = std::max(0, y - kBeside); v <= std::min(height - 1, y + kBeside); ++v)
     unite(columns.data() + static_cast<size_t>(v) * width, width, beside);
 }
-
-// The surfaces on either side of each pixel of a row: the least and the greatest disparity within kAround.
-class Sides {
- public:
-  Sides(const float* disparity, int height, int width)
-      : disparity_(disparity), height_(height), width_(width), low_(width + 2 * kAround), high_(width + 2 * kAround) {}
-
-  void find(int y, float* STEREOPSIS_RESTRICT farther, float* STEREOPSIS_RESTRICT nearer) {
-    constexpr float far = std::numeric_limits<float>::infinity();
-    std::fill(low_.begin(), low_.end(), far);
-    std::fill(high_.begin(), high_.end(), -far);
-    float *STEREOPSIS_RESTRICT const low = low_.data(), *STEREOPSIS_RESTRICT const high = high_.data();
-    for (int v = std::max(0, y - kAround); v <= std::min(height_ - 1, y + kAround); ++v) {
-      const float* STEREOPSIS_RESTRICT const row = disparity_ + static_cast<size_t>(v) * width_;
-      for (int x = 0; x < width_; ++x) {
-        low[x + kAround] = row[x] < low[x + kAround] ? row[x] : low[x + kAround];
-        high[x + kAround] = row[x] > high[x + kAround] ? row[x] : high[x + kAround];
-      }
-    }
-    for (int x = 0; x < width_; ++x) {
-      float least = low[x], most = high[x];
-      for (int k = 1; k <= 2 * kAround; ++k) {
-        least = low[x + k] < least ? low[x + k] : least;
-        most = high[x + k] > most ? high[x + k] : most;
-      }
-      farther[x] = least;
-      nearer[x] = most;
-    }
-  }
-
- private:
-  const float* disparity_;
-  const int height_, width_;
-  std::vector<float> low_, high_;
-};
 
 // Gradients of an image of bytes, as differences over two pixels; edge pixels are repeated.
 class Gradients {
@@ -207,7 +191,7 @@ void give_to_farther(const float* disparity, const uint8_t* doubtful, const Grey
   {
     const std::vector<uint8_t> columns = outlined_columns(disparity, height, width, kStep, workers);
     parallel_bands(height, 8, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-      Sides sides(disparity, height, width);
+      Extremes sides(disparity, height, width, kAround);
       for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
         mark_beside(columns, height, width, y, beside.data() + at(y, 0));
         sides.find(y, farther.data() + at(y, 0), nearer.data() + at(y, 0));

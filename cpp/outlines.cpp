@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "parallel.hpp"
+#include "scratch.hpp"
 #include "simd.hpp"
 #include "stages.hpp"
 
@@ -185,20 +186,21 @@ void give_to_farther(const float* disparity, const uint8_t* doubtful, const Grey
                      int width, float* moved, const Workers& workers) {
   const auto at = [width](int y, int x) { return static_cast<size_t>(y) * width + x; };
   const size_t size = at(height, 0);
-  std::vector<uint8_t> beside(size);
-  std::vector<float> farther(size), nearer(size);
-  std::vector<int16_t> worse(size);  // how much worse a pixel matches on the farther surface
+  Unset<uint8_t> beside(size);
+  Unset<float> farther(size), nearer(size);
+  Unset<int16_t> worse(size);  // how much worse a pixel beside a jump matches on the farther surface
   {
     const std::vector<uint8_t> columns = outlined_columns(disparity, height, width, kStep, workers);
     parallel_bands(height, 8, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
       Extremes sides(disparity, height, width, kAround);
       for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
-        mark_beside(columns, height, width, y, beside.data() + at(y, 0));
-        sides.find(y, farther.data() + at(y, 0), nearer.data() + at(y, 0));
+        mark_beside(columns, height, width, y, beside.get() + at(y, 0));
+        sides.find(y, farther.get() + at(y, 0), nearer.get() + at(y, 0));
         const Gradients left(grey.left, height, width, y), right(grey.right, height, width, y);
         for (int x = 0; x < width; ++x) {
           const size_t p = at(y, x);
-          if (beside[p]) worse[p] = static_cast<int16_t>(unlike(left, right, x, farther[p]) - unlike(left, right, x, nearer[p]));
+          const int by = beside[p] ? unlike(left, right, x, farther[p]) - unlike(left, right, x, nearer[p]) : 0;
+          worse[p] = static_cast<int16_t>(by);
         }
       }
     });

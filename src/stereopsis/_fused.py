@@ -153,16 +153,17 @@ def serves_gaussian(kind: str, pair: Pixels) -> bool:
 
 def guide_of(pair: Pixels) -> npt.NDArray[np.uint8]:
     """The left image in 256 grey levels, (H, W)."""
-    return guides_of(pair)[0]
+    return _plane(pixelwise.levels(pair.left, pair.right, pair.limits)[0])
 
 
 def guides_of(pair: Pixels) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """Both images in 256 grey levels, (H, W)."""
-    left, right = (
-        np.ascontiguousarray((grey(image) if image.shape[2] == 3 else image)[..., 0])
-        for image in pixelwise.levels(pair.left, pair.right, pair.limits)
-    )
-    return left, right
+    left, right = pixelwise.levels(pair.left, pair.right, pair.limits)
+    return _plane(left), _plane(right)
+
+
+def _plane(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    return np.ascontiguousarray((grey(image) if image.shape[2] == 3 else image)[..., 0])
 
 
 def streams_census(cost: Any, settings: sgm.SGM) -> bool:

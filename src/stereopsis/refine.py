@@ -26,7 +26,7 @@ def median_halo(size: int) -> Halo:
     return Halo.box((size, size))
 
 
-PHOTOMETRIC_HALO = Halo.around(15, 9)
+PHOTOMETRIC_HALO = Halo.around(15, 8)
 """What `photometric` depends on, but for what the pixels therein meet in the right image."""
 
 

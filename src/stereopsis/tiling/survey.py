@@ -223,8 +223,8 @@ def _takes_levels(chosen: Settings) -> bool:
     contrast = isinstance(chosen.optimize, sgm.SGM) and chosen.optimize.contrast is not None
     smoothed = chosen.weighted_median is not None or chosen.edge_aware is not None
     guided = smoothed or chosen.fill == "surfaces" or chosen.confidence is not None
-    levels = guided or chosen.outlines or chosen.photometric
-    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or levels
+    compared = chosen.outlines or chosen.photometric
+    return isinstance(chosen.cost, pixelwise.Pixelwise) or contrast or guided or compared
 
 
 def _limits(whole: _Pair, vertical: Vertical | None, frame: Frame) -> tuple[int, int, int, int]:

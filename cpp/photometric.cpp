@@ -17,7 +17,9 @@ constexpr int kAlong = 7, kAcross = 4;   // windows of 15 x 9
 constexpr int kArea = (2 * kAlong + 1) * (2 * kAcross + 1);
 constexpr int kOutlier = 20 * kUnit;     // so far from the window's mean a difference does not count
 constexpr int kLeast = kArea / 3;        // pixels that a window has to have
-constexpr int64_t kNoise = 5 * 4 * kArea;  // added to the squares of the slopes: what noise alone would show
+constexpr int64_t kNoise = 5 * kArea;    // added to the squares of the levels: what noise alone would show
+// The difference may grow with the left grey level: of two views one is at most twice as bright.
+constexpr double kLeastGain = -kUnit, kMostGain = kUnit / 2;
 constexpr double kFarthest = 0.5;
 
 // How much brighter a pixel is than its match, in units, and the difference of its neighbours, whose noise neither
@@ -118,16 +120,21 @@ void photometric(const float* disparity, const uint8_t* doubtful, const GreyPair
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     const auto term = [&](int y, int x, int64_t* terms) {
       const size_t p = at(y, x);
-      const int64_t count = counts[p], e = count * seen.brighter[p], g = count * seen.slope[p];
-      terms[0] = count, terms[1] = e, terms[2] = g, terms[3] = e * g, terms[4] = g * g;
+      const int64_t count = counts[p], e = count * seen.brighter[p], g = count * seen.slope[p], level = count * grey.left[p];
+      terms[0] = count, terms[1] = e, terms[2] = g, terms[3] = level;
+      terms[4] = e * g, terms[5] = e * level, terms[6] = g * g, terms[7] = g * level, terms[8] = level * level;
     };
-    over_windows<5>(height, width, begin, end, cancel, term, [&](int y, int x, const int64_t* sums) {
+    over_windows<9>(height, width, begin, end, cancel, term, [&](int y, int x, const int64_t* sums) {
       const size_t p = at(y, x);
       moved[p] = disparity[p];
-      const int64_t n = sums[0];
+      const int64_t n = sums[0], e = sums[1], g = sums[2], level = sums[3];
       if (doubtful[p] || n < kLeast || std::isnan(disparity[p])) return;
-      const int64_t both = sums[3] * n - sums[1] * sums[2], slopes = sums[4] * n - sums[2] * sums[2] + kNoise * n;
-      const double by = -static_cast<double>(both) / (kUnit / 2 * static_cast<double>(slopes));
+      const double eg = static_cast<double>(sums[4] * n - e * g), el = static_cast<double>(sums[5] * n - e * level);
+      const double gg = static_cast<double>(sums[6] * n - g * g + 4 * kNoise * n), gl = static_cast<double>(sums[7] * n - g * level);
+      const double ll = static_cast<double>(sums[8] * n - level * level + kNoise * n);
+      const double gain = std::min(std::max(el / ll, kLeastGain), kMostGain);
+      // The slope is the left view's, which the right one's is but for the gain.
+      const double by = 2 * (gain * gl - eg) / ((kUnit - gain) * (gg - gl * gl / ll));
       const float found = disparity[p] + static_cast<float>(std::min(std::max(by, -kFarthest), kFarthest));
       moved[p] = std::min(std::max(found, least), most);
     });

@@ -254,18 +254,20 @@ def test_a_wall_that_faces_the_camera_is_where_it_is():
     """Sums over paths prefer whole disparities; what the images show does not."""
     random = np.random.default_rng(4)
     texture = ndimage.gaussian_filter(random.normal(size=(120, 400)), 1.2)
-    texture = 120 + 40 * texture / texture.std()
+    texture = 110 + 30 * texture / texture.std()
     shifted = ndimage.shift(texture, (0, 0.4), order=5)
-    left, right = (
-        np.clip(np.rint(image + random.normal(size=image.shape)), 0, 255).astype(np.uint8)[
-            :, lead : lead + 300
-        ]
-        for image, lead in ((shifted, 30), (texture, 50))
-    )
 
-    def off(**more):
+    def off(gain=1.0, **more):
+        left, right = (
+            np.clip(np.rint(image + random.normal(size=image.shape)), 0, 255).astype(np.uint8)[
+                :, lead : lead + 300
+            ]
+            for image, lead in ((shifted, 30), (gain * texture, 50))
+        )
         found = stereopsis.match(left, right, disparities=(0, 40), preset="balanced", **more)
         return np.nanmedian(found.disparity[10:-10, 60:-10]) - 20.4
 
     assert abs(off()) < 0.08
+    assert abs(off(gain=0.6)) < 0.08
+    assert abs(off(gain=1.25)) < 0.08
     assert abs(off(photometric=False)) > 0.2

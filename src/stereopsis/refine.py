@@ -422,14 +422,18 @@ def photometric(
 
     What optimisers answer between whole candidates tells little: where a surface faces the camera their sums
     prefer whole disparities. So every pixel is compared with what it meets at its own disparity, to 1/256 of
-    a pixel, and moves by one step of Gauss and Newton [1]_ of the window of 15 x 9 pixels around it,
+    a pixel, and moves by one step of Gauss and Newton [1]_ of the window of 15 x 9 pixels around it, in the
+    disparity and in the gain and the offset of one view's brightness,
 
-    .. math:: \delta = -\frac{n \sum e g - \sum e \sum g}{n \sum g^2 - (\sum g)^2 + 675 n},
+    .. math:: \delta = \frac{k c_{gl} - c_{eg}}{(1 - k) (c_{gg} - c_{gl}^2 / c_{ll})}, \qquad
+        k = \frac{c_{el}}{c_{ll}} \in [-1, 1/2],
 
-    at most by half a pixel; :math:`e` is the difference of the grey levels, left less right, :math:`g` the
-    left one's gradient along the row, and :math:`n` the number of pixels that count: neither doubtful nor out
-    of view, and less than 20 grey levels off the window's mean :math:`e`. Fewer than 45 of them tell nothing.
-    All sums are exact.
+    at most by half a pixel; :math:`e` is the difference of the grey levels, left less right, :math:`l` the
+    left one and :math:`g` its gradient along the row, :math:`c_{ab} = n \sum a b - \sum a \sum b`, and
+    :math:`n` the number of pixels that count: neither doubtful nor out of view, and less than 20 grey levels
+    off the window's mean :math:`e`. Fewer than 45 of them tell nothing. :math:`c_{gg}` and :math:`c_{ll}` are
+    larger by :math:`675 n`, so that noise alone moves nothing far. The right view's gradient is :math:`1 - k`
+    times the left one's. All sums are exact.
 
     Parameters
     ----------

@@ -21,6 +21,7 @@
 #include "dispatch.hpp"
 #include "heap.hpp"
 #include "parallel.hpp"
+#include "photometric.hpp"
 #include "planar.hpp"
 #include "planes.hpp"
 #include "rows.hpp"
@@ -1182,13 +1183,14 @@ NB_MODULE(_core, m) {
 
   m.def("photometric", [](const Array<const float, 2>& disparity, const Array<const uint8_t, 2>& doubtful,
                           const Array<const uint8_t, 2>& left, const Array<const uint8_t, 2>& right, float least, float most,
-                          const Array<float, 2>& out, int threads) {
+                          const Array<float, 2>& out, int threads, const std::string& instructions) {
     const int H = disparity.shape(0), W = disparity.shape(1);
     for (const auto& map : {doubtful, left, right}) require_shape(map, H, W);
     require_shape(out, H, W);
     const GreyPair grey{left.data(), right.data()};
+    const PhotometricKernel& kernel = choose_photometric(instructions);
     run(threads, [&](const Workers& workers) {
-      photometric(disparity.data(), doubtful.data(), grey, H, W, least, most, out.data(), workers);
+      photometric(disparity.data(), doubtful.data(), grey, H, W, least, most, out.data(), kernel, workers);
     });
   });
 

@@ -2,6 +2,7 @@
 
 #include <stdexcept>
 
+#include "photometric.hpp"
 #include "pixelwise.hpp"
 #include "planar.hpp"
 #include "rows.hpp"
@@ -16,6 +17,7 @@ namespace stereopsis {
 
 namespace generic {
 extern const FusedKernel kernel;
+extern const PhotometricKernel photometric;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
 extern const RowKernels rows;
@@ -25,6 +27,7 @@ extern const SgmKernels sgm;
 #if defined(STEREOPSIS_X86)
 namespace avx2 {
 extern const FusedKernel kernel;
+extern const PhotometricKernel photometric;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
 extern const RowKernels rows;
@@ -32,6 +35,7 @@ extern const SgmKernels sgm;
 }  // namespace avx2
 namespace avx512 {
 extern const FusedKernel kernel;
+extern const PhotometricKernel photometric;
 extern const PixelwiseKernels pixelwise;
 extern const PlanarKernel planar;
 extern const RowKernels rows;
@@ -122,6 +126,9 @@ const Kernels& build_for(const std::string& name, const Kernels& plain, const Ke
 }  // namespace
 
 #if defined(STEREOPSIS_X86)
+const PhotometricKernel& choose_photometric(const std::string& name) {
+  return build_for<PhotometricKernel>(name, generic::photometric, &avx2::photometric, &avx512::photometric, nullptr);
+}
 const PixelwiseKernels& choose_pixelwise(const std::string& name) {
   return build_for(name, generic::pixelwise, &avx2::pixelwise, &avx512::pixelwise,
                    features().popcnt ? &avx512popcnt::pixelwise : nullptr);
@@ -136,6 +143,9 @@ const RowKernels& choose_rows(const std::string& name) {
   return build_for<RowKernels>(name, generic::rows, &avx2::rows, &avx512::rows, nullptr);
 }
 #else
+const PhotometricKernel& choose_photometric(const std::string& name) {
+  return build_for<PhotometricKernel>(name, generic::photometric, nullptr, nullptr, nullptr);
+}
 const PixelwiseKernels& choose_pixelwise(const std::string& name) {
   return build_for<PixelwiseKernels>(name, generic::pixelwise, nullptr, nullptr, nullptr);
 }

@@ -1,7 +1,7 @@
 // Moves disparities by what is left between the grey levels of both views: one step of Gauss and Newton in each window.
-#include <algorithm>
+#include "photometric.hpp"
+
 #include <cmath>
-#include <cstdlib>
 #include <vector>
 
 #include "parallel.hpp"
@@ -12,132 +12,107 @@ namespace stereopsis {
 
 namespace {
 
-constexpr int kUnit = 256;               // parts of a pixel, and of a grey level
-constexpr int kAlong = 7, kAcross = 4;   // windows of 15 x 9
-constexpr int kArea = (2 * kAlong + 1) * (2 * kAcross + 1);
-constexpr int kOutlier = 20 * kUnit;     // so far from the window's mean a difference does not count
-constexpr int kLeast = kArea / 3;        // pixels that a window has to have
-constexpr int64_t kNoise = 5 * kArea;    // added to the squares of the levels: what noise alone would show
-// The difference may grow with the left grey level: of two views one is at most twice as bright.
-constexpr double kLeastGain = -kUnit, kMostGain = kUnit / 2;
-constexpr double kFarthest = 0.5;
+constexpr int kUnit = kPhotometricUnit, kAlong = kPhotometricAlong, kAcross = kPhotometricAcross;
+using Factors = const int16_t* [kPhotometricFactors];
 
-// How much brighter a pixel is than its match, in units, and the difference of its neighbours, whose noise neither
-// of the two shares.
-struct Differences {
-  explicit Differences(size_t size) : brighter(size), slope(size), counts(size) {}
-  Unset<int32_t> brighter;
-  Unset<int16_t> slope;
-  Unset<uint8_t> counts;
-};
-
-void compare_row(const float* disparity, const uint8_t* doubtful, const uint8_t* left, const uint8_t* right, int width,
-                 int32_t* brighter, int16_t* slope, uint8_t* counts) {
+void compare_row(const float* disparity, const uint8_t* doubtful, const uint8_t* left, const uint8_t* right, int width, int16_t* seen,
+                 int16_t* brighter) {
   for (int x = 0; x < width; ++x) {
-    brighter[x] = slope[x] = counts[x] = 0;
+    brighter[x] = seen[x] = 0;
     if (doubtful[x] || std::isnan(disparity[x]) || x == 0 || x == width - 1) continue;
     const int at = kUnit * x - parts_of(disparity[x], kUnit), part = at % kUnit;
     if (at < 0 || at >= kUnit * (width - 1)) continue;
     const uint8_t* const r = right + at / kUnit;
-    brighter[x] = kUnit * left[x] - (kUnit - part) * r[0] - part * r[1];
-    slope[x] = static_cast<int16_t>(left[x + 1] - left[x - 1]);
-    counts[x] = 1;
+    brighter[x] = static_cast<int16_t>(kUnit * left[x] - (kUnit - part) * r[0] - part * r[1]);
+    seen[x] = 1;
   }
 }
 
-// Sums over windows, kept as sums over columns; `Terms` of them at once. Where a window leaves the image it is smaller.
-template <int Terms>
+// The first terms, so many, summed over windows. Where a window leaves the image it is smaller.
 class WindowSums {
  public:
-  explicit WindowSums(int width) : width_(width), columns_(static_cast<size_t>(width) * Terms) {}
+  WindowSums(int width, int terms, const PhotometricKernel& kernel)
+      : width_(width), terms_(terms), kernel_(kernel), columns_(static_cast<size_t>(terms) * (width + 2 * kAlong)),
+        threes_(width + 2 * kAlong), sums_(static_cast<size_t>(terms) * width) {
+    for (int k = 0; k < terms; ++k) sum_[k] = sums_.get() + static_cast<size_t>(k) * width;
+  }
 
-  template <class Term>
-  void add(int sign, const Term& term) {
-    int64_t terms[Terms];
-    for (int x = 0; x < width_; ++x) {
-      term(x, terms);
-      for (int k = 0; k < Terms; ++k) columns_[static_cast<size_t>(x) * Terms + k] += sign * terms[k];
+  void change(const Factors& added, const Factors& removed) {
+    for (int k = 0; k < terms_; ++k) {
+      const auto [a, b] = kPhotometricTerm[k];
+      kernel_.change(added[a], added[b], removed[a], removed[b], width_, columns(k));
     }
   }
 
-  template <class Take>
-  void take(const Take& take) const {
-    int64_t sums[Terms] = {};
-    for (int x = 0; x < std::min(kAlong, width_); ++x) slide(x, 1, sums);
-    for (int x = 0; x < width_; ++x) {
-      if (x + kAlong < width_) slide(x + kAlong, 1, sums);
-      take(x, sums);
-      if (x >= kAlong) slide(x - kAlong, -1, sums);
-    }
+  const int32_t* const* take() {
+    for (int k = 0; k < terms_; ++k) kernel_.sum(columns(k), width_, threes_.get(), sum_[k]);
+    return sum_;
   }
 
  private:
-  void slide(int x, int sign, int64_t* sums) const {
-    for (int k = 0; k < Terms; ++k) sums[k] += sign * columns_[static_cast<size_t>(x) * Terms + k];
-  }
+  int32_t* columns(int k) { return columns_.data() + static_cast<size_t>(k) * (width_ + 2 * kAlong) + kAlong; }
 
-  const int width_;
-  std::vector<int64_t> columns_;
+  const int width_, terms_;
+  const PhotometricKernel& kernel_;
+  std::vector<int32_t> columns_;
+  Unset<int32_t> threes_, sums_;
+  int32_t* sum_[kPhotometricTerms];
 };
 
-// For rows begin to end - 1 the sums of all windows on each: `term(row, x, terms)` is what a pixel adds, `take(row, x, sums)`.
-template <int Terms, class Term, class Take>
-void over_windows(int height, int width, int begin, int end, const Cancel& cancel, const Term& term, const Take& take) {
-  WindowSums<Terms> sums(width);
-  const auto row = [&](int y, int sign) {
-    if (y >= 0 && y < height) sums.add(sign, [&](int x, int64_t* terms) { term(y, x, terms); });
+// For rows begin to end - 1 the sums of all windows on each: `factors(y, found)` is what a row adds, `take(y, sums)`.
+template <class Rows, class Take>
+void over_windows(int height, int width, int begin, int end, const Cancel& cancel, WindowSums sums, const Rows& factors, const Take& take) {
+  const std::vector<int16_t> none(width);
+  const auto look_up = [&](int y, Factors& found) {
+    if (y >= 0 && y < height)
+      factors(y, found);
+    else
+      for (auto& factor : found) factor = none.data();
   };
-  for (int y = begin - kAcross; y < begin + kAcross; ++y) row(y, 1);
+  Factors added, removed;
+  look_up(-1, removed);
+  for (int y = begin - kAcross; y < begin + kAcross; ++y) look_up(y, added), sums.change(added, removed);
   for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y) {
-    row(y + kAcross, 1);
-    sums.take([&](int x, const int64_t* sum) { take(y, x, sum); });
-    row(y - kAcross, -1);
+    look_up(y + kAcross, added);
+    if (y > begin) look_up(y - kAcross - 1, removed);
+    sums.change(added, removed);
+    take(y, sums.take());
   }
 }
 
 }  // namespace
 
 void photometric(const float* disparity, const uint8_t* doubtful, const GreyPair& grey, int height, int width, float least, float most,
-                 float* moved, const Workers& workers) {
-  const auto at = [width](int y, int x) { return static_cast<size_t>(y) * width + x; };
-  Differences seen(at(height, 0));
-  Unset<uint8_t> counts(at(height, 0));  // without outliers
+                 float* moved, const PhotometricKernel& kernel, const Workers& workers) {
+  const auto at = [width](int y) { return static_cast<size_t>(y) * width; };
+  Unset<int16_t> seen(at(height)), brighter(at(height)), counts(at(height));  // what counts is seen, and no outlier
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
     for (int y = begin; y < end && !cancel.load(std::memory_order_relaxed); ++y)
-      compare_row(disparity + at(y, 0), doubtful + at(y, 0), grey.left + at(y, 0), grey.right + at(y, 0), width,
-                  seen.brighter.get() + at(y, 0), seen.slope.get() + at(y, 0), seen.counts.get() + at(y, 0));
+      compare_row(disparity + at(y), doubtful + at(y), grey.left + at(y), grey.right + at(y), width, seen.get() + at(y),
+                  brighter.get() + at(y));
   });
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    const auto term = [&](int y, int x, int64_t* terms) {
-      terms[0] = seen.counts[at(y, x)];
-      terms[1] = seen.brighter[at(y, x)];
-    };
-    over_windows<2>(height, width, begin, end, cancel, term, [&](int y, int x, const int64_t* sums) {
-      const size_t p = at(y, x);
-      counts[p] = seen.counts[p] && std::abs(seen.brighter[p] * sums[0] - sums[1]) < kOutlier * sums[0];
+    const auto factors = [&](int y, Factors& found) { found[kCounts] = seen.get() + at(y), found[kBrighter] = brighter.get() + at(y); };
+    over_windows(height, width, begin, end, cancel, WindowSums(width, 2, kernel), factors, [&](int y, const int32_t* const* sums) {
+      kernel.keep(seen.get() + at(y), brighter.get() + at(y), sums[0], sums[1], width, counts.get() + at(y));
     });
   });
   parallel_rows(height, workers.threads, workers.interrupted, [&](int begin, int end, const Cancel& cancel) {
-    const auto term = [&](int y, int x, int64_t* terms) {
-      const size_t p = at(y, x);
-      const int64_t count = counts[p], e = count * seen.brighter[p], g = count * seen.slope[p], level = count * grey.left[p];
-      terms[0] = count, terms[1] = e, terms[2] = g, terms[3] = level;
-      terms[4] = e * g, terms[5] = e * level, terms[6] = g * g, terms[7] = g * level, terms[8] = level * level;
+    // A row's factors are made when it comes, and still there when it goes.
+    constexpr int kRows = 2 * kAcross + 2, kMade = kPhotometricFactors - 1;
+    Unset<int16_t> made(at(kRows * kMade));
+    std::vector<int> which(kRows, -1);
+    const auto factors = [&](int y, Factors& found) {
+      int16_t* const row = made.get() + at(y % kRows * kMade);
+      if (which[y % kRows] != y)
+        kernel.describe(counts.get() + at(y), brighter.get() + at(y), grey.left + at(y), width, row, row + at(1), row + at(2));
+      which[y % kRows] = y;
+      found[kCounts] = counts.get() + at(y), found[kBrighter] = row, found[kSlope] = row + at(1), found[kLevel] = row + at(2);
     };
-    over_windows<9>(height, width, begin, end, cancel, term, [&](int y, int x, const int64_t* sums) {
-      const size_t p = at(y, x);
-      moved[p] = disparity[p];
-      const int64_t n = sums[0], e = sums[1], g = sums[2], level = sums[3];
-      if (doubtful[p] || n < kLeast || std::isnan(disparity[p])) return;
-      const double eg = static_cast<double>(sums[4] * n - e * g), el = static_cast<double>(sums[5] * n - e * level);
-      const double gg = static_cast<double>(sums[6] * n - g * g + 4 * kNoise * n), gl = static_cast<double>(sums[7] * n - g * level);
-      const double ll = static_cast<double>(sums[8] * n - level * level + kNoise * n);
-      const double gain = std::min(std::max(el / ll, kLeastGain), kMostGain);
-      // The slope is the left view's, which the right one's is but for the gain.
-      const double by = 2 * (gain * gl - eg) / ((kUnit - gain) * (gg - gl * gl / ll));
-      const float found = disparity[p] + static_cast<float>(std::min(std::max(by, -kFarthest), kFarthest));
-      moved[p] = std::min(std::max(found, least), most);
-    });
+    over_windows(height, width, begin, end, cancel, WindowSums(width, kPhotometricTerms, kernel), factors,
+                 [&](int y, const int32_t* const* sums) {
+                   kernel.move(sums, disparity + at(y), doubtful + at(y), width, least, most, moved + at(y));
+                 });
   });
 }
 

@@ -23,6 +23,7 @@ struct Workers {
 
 // ---- cost: one grey channel of three, (299 R + 587 G + 114 B) / 1000 in 15-bit fixed point, as OpenCV rounds it -------
 struct RowKernels;
+struct PhotometricKernel;
 template <class T>
 void grey(const T* rgb, int height, int width, T* grey, const RowKernels& kernels, const Workers& workers);
 
@@ -411,6 +412,6 @@ void unfatten(const float* disparity, const uint8_t* doubtful, const GreyPair& g
 
 // What is not doubtful moves by up to half a pixel, within [least, most], to where the grey levels around are most alike.
 void photometric(const float* disparity, const uint8_t* doubtful, const GreyPair& grey, int height, int width, float least, float most,
-                 float* moved, const Workers& workers);
+                 float* moved, const PhotometricKernel& kernel, const Workers& workers);
 
 }  // namespace stereopsis

@@ -229,8 +229,9 @@ def test_planar_takes_noise_off_a_slanted_surface():
     assert (np.isnan(refine.planar(holes, (25, 25))) == np.isnan(holes)).all()
 
 
+@pytest.mark.parametrize("instructions", _core.instruction_sets())
 @given(
-    shape=some.tuples(some.integers(1, 14), some.integers(1, 26)),
+    shape=some.tuples(some.integers(1, 12), some.integers(1, 80)),
     span=some.sampled_from([1, 3, 30]),
     share=some.sampled_from([0, 0.3]),
     contrast=some.sampled_from([20, 255]),
@@ -238,14 +239,16 @@ def test_planar_takes_noise_off_a_slanted_surface():
     seed=some.integers(0, 2**32),
 )
 @settings(max_examples=60, deadline=None)
-def test_photometric_is_its_definition(shape, span, share, contrast, threads, seed):
+def test_photometric_is_its_definition(instructions, shape, span, share, contrast, threads, seed):
     random = np.random.default_rng(seed)
     disparity = (random.random(shape) * span).astype(np.float32)
     disparity[random.random(shape) < share / 2] = np.nan
     doubtful = (random.random(shape) < share).astype(np.uint8)
     views = tuple(random.integers(0, contrast, shape).astype(np.uint8) for _ in range(2))
     before = disparity.copy()
-    found = refine.photometric(disparity, doubtful, views, Disparities(0, span + 1), threads)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(_instructions.ENVIRONMENT, instructions)
+        found = refine.photometric(disparity, doubtful, views, Disparities(0, span + 1), threads)
     np.testing.assert_array_equal(found, reference.photometric(disparity, doubtful, views, 0, span))
     np.testing.assert_array_equal(disparity, before)
 

@@ -16,6 +16,7 @@
 
 #include "../dispatch.hpp"
 #include "../parallel.hpp"
+#include "../photometric.hpp"
 #include "../pixelwise.hpp"
 #include "../planar.hpp"
 #include "../planes.hpp"
@@ -51,10 +52,11 @@ struct Random {
 const Workers kAlone{1, [] { return false; }};
 
 // One of the builds that this machine can run.
-const RowKernels& any_rows(Random& random) {
+std::string any_instructions(Random& random) {
   const auto kernels = available_kernels();
-  return choose_rows(kernels[random.below(static_cast<int>(kernels.size()))]->name);
+  return kernels[random.below(static_cast<int>(kernels.size()))]->name;
 }
+const RowKernels& any_rows(Random& random) { return choose_rows(any_instructions(random)); }
 
 int clamp(int v, int lo, int hi) { return std::min(std::max(v, lo), hi); }
 
@@ -1056,7 +1058,7 @@ void test_after_the_checks() {
       outlines(map.data(), occluded.data(), bytes.data(), channels, alike.data(), H, W, found[5].data(), workers);
       const GreyPair grey{bytes.data(), bytes.data() + size * (channels - 1)};
       unfatten(map.data(), occluded.data(), grey, bytes.data(), channels, alike.data(), H, W, found[10].data(), workers);
-      photometric(map.data(), occluded.data(), grey, H, W, -7, 9, found[11].data(), workers);
+      photometric(map.data(), occluded.data(), grey, H, W, -7, 9, found[11].data(), choose_photometric(any_instructions(random)), workers);
       nearer(map.data(), occluded.data(), found[3].data(), H, W, found[9].data(), workers);
       found[6] = surface;
       std::vector<uint8_t> flags(occluded);

@@ -557,6 +557,7 @@ def photometric(
     most: float,
     out: _F32,
     threads: int,
+    instructions: str,
     /,
 ) -> None: ...
 def unfatten(

@@ -421,7 +421,7 @@ def photometric(
     r"""Move disparities to where the grey levels of both views are most alike.
 
     What optimisers answer between whole candidates tells little: where a surface faces the camera their sums
-    prefer whole disparities. So every pixel is compared with what it meets at its own disparity, to 1/256 of
+    prefer whole disparities. So every pixel is compared with what it meets at its own disparity, to 1/128 of
     a pixel, and moves by one step of Gauss and Newton [1]_ of the window of 15 x 9 pixels around it, in the
     disparity and in the gain and the offset of one view's brightness,
 
@@ -467,5 +467,6 @@ def photometric(
         disparities.max - 1,
         moved,
         threads,
+        _instructions.forced(),
     )
     return moved

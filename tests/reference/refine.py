@@ -82,10 +82,10 @@ def photometric(disparity, doubtful, views, least, most):
     moved = disparity.copy()
     seen = {}
     for y, x in np.argwhere(~np.isnan(disparity) & (doubtful == 0)):
-        one, part = divmod(256 * x - int(np.rint(256 * disparity[y, x])), 256)
+        one, part = divmod(128 * x - int(np.rint(128 * disparity[y, x])), 128)
         if 0 < x < width - 1 and 0 <= one < width - 1:
-            meets = (256 - part) * right[y, one] + part * right[y, one + 1]
-            seen[y, x] = 256 * left[y, x] - meets, left[y, x + 1] - left[y, x - 1], left[y, x]
+            meets = (128 - part) * right[y, one] + part * right[y, one + 1]
+            seen[y, x] = 128 * left[y, x] - meets, left[y, x + 1] - left[y, x - 1], left[y, x]
 
     def around(y, x, those):
         window = ((v, u) for v in range(y - 4, y + 5) for u in range(x - 7, x + 8))
@@ -97,15 +97,15 @@ def photometric(disparity, doubtful, views, least, most):
     counted = set()
     for q in seen:
         brighter, _, _ = around(*q, seen)
-        if abs(seen[q][0] * brighter.size - brighter.sum()) < 20 * 256 * brighter.size:
+        if abs(seen[q][0] * brighter.size - brighter.sum()) < 20 * 128 * brighter.size:
             counted.add(q)
     for y, x in np.argwhere(~np.isnan(disparity) & (doubtful == 0)):
         e, g, level = around(y, x, counted)
         if e.size >= 45:
             slopes, levels = moment(g, g) + 4 * 675 * e.size, moment(level, level) + 675 * e.size
-            gain = min(max(moment(e, level) / levels, -256), 128)
+            gain = min(max(moment(e, level) / levels, -128), 64)
             both = gain * moment(g, level) - moment(e, g)
-            by = 2 * both / ((256 - gain) * (slopes - moment(g, level) ** 2 / levels))
+            by = 2 * both / ((128 - gain) * (slopes - moment(g, level) ** 2 / levels))
             by = np.float32(min(max(by, -0.5), 0.5))
             moved[y, x] = min(max(disparity[y, x] + by, np.float32(least)), np.float32(most))
     return moved

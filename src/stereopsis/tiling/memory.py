@@ -184,5 +184,5 @@ def _after(settings: Settings, channels: int, wide: int) -> float:
     if settings.outlines:
         stages.append(26 + narrow)
     if settings.photometric:
-        stages.append(14 + narrow)
+        stages.append(10 + narrow)
     return max(stages)

@@ -998,13 +998,13 @@ class Narrow {
               value = cost(s, left[p], right);
               if constexpr (T::keyed) {
                 value = Simd::mark(value, keep, See == Sight::all ? Simd::set(v) : Simd::load(views.put + j));
-                b[p] = Simd::min(value, b[p]);
+                b[p] = lesser(value, b[p]);
               } else {
                 if constexpr (See == Sight::some)
                   value = Simd::select(Simd::inside(Simd::load(views.index + j), first_seen(x + p), end_seen(x + p)), value,
                                        Simd::set(T::worst));
                 const M better = Simd::less(b[p], value);
-                b[p] = Simd::select(better, b[p], value);
+                b[p] = lesser(value, b[p]);
                 bi[p] = Simd::select(better, bi[p], Simd::set(v));
               }
             }
@@ -1015,7 +1015,7 @@ class Narrow {
       unrolled<P>([&](auto p) STEREOPSIS_INLINE_LAMBDA {
         if constexpr (T::keyed) {
           if (number > 0)
-            b[p] = Simd::min(Simd::mark(b[p], Simd::set(-1), Simd::set(number)), Simd::load(best + p * kLanes));
+            b[p] = lesser(Simd::mark(b[p], Simd::set(-1), Simd::set(number)), Simd::load(best + p * kLanes));
           Simd::store(best + p * kLanes, b[p]);
         } else {
           bi[p] = Simd::add(bi[p], Simd::load(views.index));
@@ -1135,6 +1135,14 @@ class Narrow {
 
   static STEREOPSIS_INLINE Vector splat(Scalar v) { return Simd::set(v); }
 
+  // Of two costs, b where a is not a number.
+  static STEREOPSIS_INLINE Vector lesser(Vector a, Vector b) {
+    if constexpr (T::keyed)
+      return Simd::min_positive(a, b);
+    else
+      return Simd::min(a, b);
+  }
+
   // The right view's winners so far, with the costs of pixels [begin, end). Right pixels go by mirrored column, where
   // candidate i of pixel x stands at width - 1 - x + i: from one pixel to the next a comb of them goes from one vector to the next,
   // and from the last to the first, one lane on. A block keeps the best of what a comb has met in passing its vectors, each time
@@ -1155,7 +1163,7 @@ class Narrow {
         const Vector value = Simd::load(costs + v * kLanes);
         if constexpr (!T::keyed)
           index[v + 1] = Simd::select(Simd::less(value, b[v]), Simd::set(v), index[v]);
-        b[v + 1] = Simd::min(value, b[v]);
+        b[v + 1] = lesser(value, b[v]);
       });
       b[0] = splat(T::worst);
       if constexpr (!T::keyed) index[0] = Simd::set(0);
@@ -1277,7 +1285,7 @@ class Narrow {
       unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA { m[k] = splat(T::worst); });
       for (int i = 0; i < padded_; i += kLanes)
         unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
-          m[k] = Simd::min(Simd::load(costs + k.value * pitch + i), m[k]);
+          m[k] = lesser(Simd::load(costs + k.value * pitch + i), m[k]);
         });
       unrolled<abreast>([&](auto k) STEREOPSIS_INLINE_LAMBDA {
         Simd::store(seconds + (slot + k.value) * kLanes, m[k]);
